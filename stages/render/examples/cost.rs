@@ -46,6 +46,7 @@ fn main() {
         ("M3 (1, 20000)", 1.0, 20000.0),
     ];
     let only = std::env::args().nth(2).unwrap_or_default();
+    let which = std::env::args().nth(3);
     for (name, a_rho, s_rho) in media.into_iter().filter(|medium| medium.0.contains(&only)) {
         let n = if name.ends_with("n = 1.4") { 1.4 } else { 1.0 };
         let medium =
@@ -80,7 +81,7 @@ fn main() {
             bodies.insert(0, Body { solid, material: 2 });
         }
         let world = World { bodies, materials: vec![Material::VOID, medium, lesion], textures: Vec::new() };
-        for nee in [Nee::Point, Nee::Line] {
+        for nee in [Nee::Point, Nee::Line].into_iter().filter(|nee| which.as_ref().is_none_or(|w| format!("{nee:?}") == **w)) {
             let setting = Setting {
                 world: &world,
                 camera: &camera,

@@ -1,14 +1,53 @@
 //! Next-event estimation one scattering ahead: where on the line of the next flight a point is taken, and how often any is.
 
+use std::f64::consts::FRAC_1_PI;
+
 use turbid_optics::elementary::{exp, ln};
+use turbid_optics::{Medium, diffusion};
+
+use crate::world::Material;
 
 /// A vertex is connected with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from the light; estimating ahead, from the plane of
 /// the interface through which it comes.
 pub const TAU_SURE: f64 = 3.0;
+/// The same where light comes through curved interfaces or facets: there connections cost far more than flights ...
+pub const TAU_SURE_WHERE_DEAR: f64 = 2.0;
+/// ... and those expected to bring less than this part of what a whole path does are made with the probability of their part of that ...
+const WORTH: f64 = 0.3;
+/// ... and no less than this: what is expected takes interfaces for flat, and knows of one refraction only.
+pub const LEAST_CHANCE: f64 = 1.0 / 16.0;
 /// A density that falls by less than this along a line is taken as even, before its `mass` loses digits.
 pub const FLAT: f64 = 0.02;
 /// Optical depth at which nothing is left; [`exp`] needs a bound.
 const DARK: f64 = 700.0;
+
+/// What light of irradiance 1 does along a line below a plane, the optical depth `tau` away, through which it comes: the integral of mu_t exp(-mu_t s) times
+/// what is left of it at s; `steepness` as above.
+#[inline]
+pub fn expected(steepness: f64, tau: f64) -> f64 {
+    let fall = 1.0 - steepness;
+    let at_once = exp(-tau.min(DARK));
+    if fall.abs() < FLAT {
+        return tau * at_once;
+    }
+    let left = if steepness > 0.0 { exp(-(tau / steepness).min(DARK)) } else { 0.0 };
+    (at_once - left) / fall
+}
+
+/// What an estimate of a vertex in this material has to bring to be made for sure, over what irradiates it, sr^-1.
+pub fn worth(material: &Material) -> f64 {
+    let medium = Medium { mu_a: material.mu_a, mu_s_prime: material.mu_s_prime(), phase: material.phase, n: material.n };
+    let reflectance = diffusion::reflectance(&medium, None, 0.0).map_or(0.0, |r| r.hemispherical_incident);
+    WORTH * reflectance * FRAC_1_PI * material.n * material.n
+}
+
+/// One over the probability with which an estimate is made that is expected to bring so much.
+#[inline]
+pub fn inverse_chance(expected: f64, worth: f64) -> f64 {
+    // Where nothing is expected that is not a number, or infinite.
+    let inverse = worth / expected;
+    if inverse < 1.0 / LEAST_CHANCE { inverse.max(1.0) } else { 1.0 / LEAST_CHANCE }
+}
 
 /// s in (0, length) from a density proportional to exp(-rate s), and one over that density.
 ///
@@ -40,9 +79,9 @@ pub fn depth(tau: f64, cos: f64, least: f64) -> f64 {
     if depth > least { depth } else { least }
 }
 
-/// One over the probability of connecting at optical distance `tau`; that falls slower than the light does.
+/// One over the probability of connecting at optical distance `tau`, for sure up to `sure`; that falls slower than the light does.
 #[inline]
-pub fn inverse_survival(tau: f64) -> f64 {
-    let x = (tau * (1.0 / TAU_SURE)).max(1.0);
+pub fn inverse_survival(tau: f64, sure: f64) -> f64 {
+    let x = (tau * (1.0 / sure)).max(1.0);
     x * x * x * x
 }

@@ -6,7 +6,7 @@ use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
-use crate::ahead::{ahead, depth, inverse_survival};
+use crate::ahead::{self, ahead, depth, expected, inverse_chance};
 use crate::caustic::Best;
 use crate::connect::{Draws, Heading};
 use crate::lamp::Source;
@@ -197,32 +197,33 @@ impl<'a> Walker<'a> {
     ) {
         let normal = entry.interface.map(|interface| self.setting.world.normal(interface, entry.r));
         let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
-        let Heading { towards, tau, exit } = self.heading(source, entry.r, entry.material, 0.0);
-        // Where the flight came in is where the light comes in, if it comes from that side.
-        let exit = normal.filter(|n| n.dot(towards) > 0.0).or(exit);
-        let inverse_survival = inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), 0.0));
+        let heading = if self.bending == Bending::AtInterfaces {
+            let inside = self.within(entry.r, at.w, entry.length, entry.material);
+            self.heading_from_interface(source, (entry.r, normal), inside, entry.material)
+        } else {
+            let mut heading = self.heading(source, entry.r, entry.material, 0.0);
+            // Where the flight came in is where the light comes in, if it comes from that side.
+            heading.exit = normal.filter(|n| n.dot(heading.towards) > 0.0).or(heading.exit);
+            heading
+        };
+        let Heading { towards, tau, exit } = heading;
+        let weight = at.weight * at.mis_weight;
+        let inverse_survival = self.inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), 0.0))
+            .max(self.inverse_chance(weight, at.w, &heading, entry.material));
         if roulette * inverse_survival >= 1.0 {
             return;
         }
         let draws = Draws { stream, flight: at.flight(), site: NeeSite::Entered(place) };
         let [.., u] = draws.point(source);
         let line = Line { r: entry.r, e: at.w, length: entry.length, material: entry.material, towards, exit };
-        self.score(
-            at.response,
-            &line,
-            at.weight * at.mis_weight * inverse_survival,
-            unit(u),
-            source,
-            &draws,
-            &entry.lengths,
-        );
+        self.score(at.response, &line, weight * inverse_survival, unit(u), source, &draws, &entry.lengths);
     }
 
     fn collision_lit(&mut self, at: &Place, roulette: f64, source: Source<'_>) {
         let stream = self.stream(at);
         let mut connections = std::mem::take(&mut self.connections);
         self.reach(source, at.r, None, &mut connections);
-        let inverse_survival = inverse_survival(connections.first().map_or(0.0, |connection| connection.tau));
+        let inverse_survival = self.inverse_survival(connections.first().map_or(0.0, |connection| connection.tau));
         if roulette * inverse_survival >= 1.0 {
             connections.clear();
         } else {
@@ -259,16 +260,18 @@ impl<'a> Walker<'a> {
                 let start = at.r + segment.start * at.w;
                 let normal = entrance.map(|interface| world.normal(interface, start));
                 let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
-                let inside = start + 0.5 * length.min(1.0 / material.mu_t()) * at.w;
+                let inside = self.within(start, at.w, length, segment.material);
                 for source in self.sources() {
-                    let towards = self.heading_from_interface(source, start, inside, segment.material);
-                    // Where the ray came in is where the light comes in, if it comes from that side.
-                    let exit = normal.filter(|n| n.dot(towards) > 0.0);
+                    let heading = self.heading_from_interface(source, (start, normal), inside, segment.material);
+                    let Heading { towards, exit, .. } = heading;
                     let draws = Draws { stream, flight: at.flight(), site: NeeSite::Next(scored) };
-                    let [.., u] = draws.point(source);
-                    let line = Line { r: start, e: at.w, length, material: segment.material, towards, exit };
+                    let [roulette, .., u] = draws.point(source);
                     let weight = at.weight * libm::exp(-tau);
-                    self.score(at.response, &line, weight, unit(u), source, &draws, &lengths);
+                    let inverse_chance = self.inverse_chance(weight, at.w, &heading, segment.material);
+                    if unit(roulette) * inverse_chance < 1.0 {
+                        let line = Line { r: start, e: at.w, length, material: segment.material, towards, exit };
+                        self.score(at.response, &line, weight * inverse_chance, unit(u), source, &draws, &lengths);
+                    }
                 }
                 scored += 1;
             }
@@ -293,13 +296,16 @@ impl<'a> Walker<'a> {
             return;
         }
         // The light is at least `clear` away: most collisions are settled by that, without a ray.
-        if roulette * inverse_survival(material.mu_t() * at.clear) >= 1.0 {
+        if roulette * self.inverse_survival(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
-        // Lanes may know better: surfaces that do not show are none to them.
-        at.clear = at.clear.max(world.clearance(at.r));
-        if roulette * inverse_survival(material.mu_t() * at.clear) >= 1.0 {
-            return;
+        // Among facets what is aimed at costs less than a distance.
+        if !self.aims_past_facets() {
+            // Lanes may know better: surfaces that do not show are none to them.
+            at.clear = at.clear.max(world.clearance(at.r));
+            if roulette * self.inverse_survival(material.mu_t() * at.clear) >= 1.0 {
+                return;
+            }
         }
         for source in self.sources() {
             self.line_lit(at, own, roulette, source);
@@ -358,8 +364,9 @@ impl<'a> Walker<'a> {
         let world = self.setting.world;
         let material = world.materials[at.material];
         let least = material.mu_t() * at.clear;
-        let Heading { towards, tau, exit } = self.heading(source, at.r, at.material, least);
-        let inverse_survival = inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), least));
+        let heading = self.heading(source, at.r, at.material, least);
+        let Heading { towards, tau, exit } = heading;
+        let inverse_survival = self.inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), least));
         if roulette * inverse_survival >= 1.0 {
             return;
         }
@@ -369,16 +376,43 @@ impl<'a> Walker<'a> {
         let [choice, b, c, u] = draws.point(source);
         let e = if choice >> 31 == 0 { own } else { phase.sample(towards, unit(b), unit(c)) };
         // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
-        let balance = 2.0 * phase.balance(at.w.dot(e), e.dot(towards));
+        let weight = at.weight * at.mis_weight * (2.0 * phase.balance(at.w.dot(e), e.dot(towards)));
+        let inverse_survival = inverse_survival.max(self.inverse_chance(weight, e, &heading, at.material));
+        if roulette * inverse_survival >= 1.0 {
+            return;
+        }
         let length = world
             .trace(at.r, e, None, &mut self.chords)
             .next()
             .map_or(f64::INFINITY, |segment| if segment.material == at.material { segment.end } else { 0.0 });
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit };
-            let weight = at.weight * at.mis_weight * balance * inverse_survival;
-            self.score(at.response, &line, weight, unit(u), source, &draws, &at.lengths);
+            self.score(at.response, &line, weight * inverse_survival, unit(u), source, &draws, &at.lengths);
         }
+    }
+
+    /// A point on a ray that comes into a material and stays in it for `length`, mm.
+    fn within(&self, start: DVec3, w: DVec3, length: f64, material: usize) -> DVec3 {
+        start + 0.5 * length.min(1.0 / self.setting.world.materials[material].mu_t()) * w
+    }
+
+    /// One over the probability of connecting a vertex at optical distance `tau`.
+    #[inline]
+    fn inverse_survival(&self, tau: f64) -> f64 {
+        ahead::inverse_survival(tau, self.tau_sure)
+    }
+
+    /// One over the probability with which light is looked for from a line along e, `weight` what comes along that: through curved interfaces it costs far more
+    /// than flights.
+    #[inline]
+    fn inverse_chance(&self, weight: f64, e: DVec3, heading: &Heading, material: usize) -> f64 {
+        if self.bending != Bending::AtInterfaces {
+            return 1.0;
+        }
+        let medium = &self.setting.world.materials[material];
+        let steepness = heading.exit.map_or(0.0, |n| e.dot(n) / heading.towards.dot(n));
+        let scattered = weight * medium.phase.density(e.dot(heading.towards)) * medium.mu_s / medium.mu_t();
+        inverse_chance(scattered * expected(steepness, heading.tau), self.worth[material])
     }
 
     /// weight times the integral over s in (0, length) of exp(-mu_t s) mu_s p(e . L) (light at r + s e), from one s; `lengths`
@@ -400,6 +434,7 @@ impl<'a> Walker<'a> {
         let mu_t = material.mu_t();
         let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n));
         let (s, inverse_density) = ahead(steepness, length, mu_t, u);
+        let weight = weight * (material.mu_s * libm::exp(-mu_t * s) * inverse_density);
         let at = r + s * e;
         let mut lengths = *lengths;
         count(self.setting.shared, &mut lengths, line.material, s);
@@ -408,8 +443,7 @@ impl<'a> Walker<'a> {
         self.reach_on(source, at, None, draws, &mut connections);
         for connection in connections.drain(..) {
             let p = material.phase.density(e.dot(connection.towards));
-            let attenuation = libm::exp(-(mu_t * s + connection.tau));
-            let radiance = weight * material.mu_s * p * connection.irradiance * attenuation * inverse_density;
+            let radiance = weight * p * connection.irradiance * libm::exp(-connection.tau);
             self.deposit(path, radiance, connection.on_plane, source, &sum(&lengths, &connection.lengths));
         }
         self.connections = connections;

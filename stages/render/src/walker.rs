@@ -6,6 +6,7 @@ use fearless_simd::Level;
 use glam::DVec3;
 use turbid_optics::rough::FacetFlight;
 
+use crate::ahead;
 use crate::connection::{Connection, Known, SpecularChain};
 use crate::image_part::ImagePart;
 use crate::lengths::Lengths;
@@ -33,6 +34,8 @@ pub struct Walker<'a> {
     /// Those through interfaces of any shape that are known for sure, and places where there may be one.
     pub(crate) known: Vec<Known>,
     pub(crate) places: Vec<DVec3>,
+    /// Bodies whose surface is searched for what light is aimed at, and how far off they are at least.
+    pub(crate) searched: Vec<(f64, usize)>,
     /// What interfaces do to a ray on the chain that is being searched: whether they reflect it.
     pub(crate) events: Vec<bool>,
     /// Connections found by manifold sampling that were too rare to be weighed.
@@ -59,6 +62,11 @@ pub struct Walker<'a> {
     pub(crate) free_paths: Vec<f64>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     pub(crate) windows: Vec<f64>,
+    /// Optical distance from the light up to which all vertices are connected to it.
+    pub(crate) tau_sure: f64,
+    /// For each material, what estimates through curved interfaces are measured by: the part of what a path is expected to bring, over the
+    /// irradiance.
+    pub(crate) worth: Vec<f64>,
     /// Of the last walk among facets.
     pub(crate) facet_flights: Vec<FacetFlight>,
     /// Segments of media that the flight under way came into, from elsewhere.
@@ -115,9 +123,12 @@ impl<'a> Walker<'a> {
             if weak { WINDOW * (3.0 * m.mu_a * (m.mu_a + reduced)).sqrt() } else { 0.0 }
         };
         let windows = setting.world.materials.iter().map(window).collect();
+        let worth = setting.world.materials.iter().map(ahead::worth).collect();
         let (chords, segments) = (Chords::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
         let bending = Bending::of(setting.world);
+        let dear = bending == Bending::AtInterfaces;
+        let tau_sure = if dear { ahead::TAU_SURE_WHERE_DEAR } else { ahead::TAU_SURE };
         let peaked_index = weight_window::peaked_index(&setting, &bending);
         let clear = if let Bending::AtPlanes(strata) = &bending { clear(setting.world, strata) } else { Vec::new() };
         Self {
@@ -128,6 +139,7 @@ impl<'a> Walker<'a> {
             connections: Vec::new(),
             known: Vec::new(),
             places: Vec::new(),
+            searched: Vec::new(),
             events: Vec::new(),
             given_up: 0,
             bending,
@@ -142,6 +154,8 @@ impl<'a> Walker<'a> {
             level,
             free_paths,
             windows,
+            tau_sure,
+            worth,
             facet_flights: Vec::new(),
             entries: Vec::new(),
             light_branches: Vec::new(),

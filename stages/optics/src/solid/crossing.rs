@@ -298,6 +298,19 @@ impl Solid {
         }
     }
 
+    /// A plane that a surface of facets about runs in near a point: the unit normal outwards, and the height (mm) above the point along that; `None` of
+    /// other surfaces, and where it is far off.
+    pub fn facets_near(&self, p: DVec3) -> Option<(DVec3, f64)> {
+        match self {
+            Self::Mesh(mesh) => mesh.plane_near(p),
+            Self::Turned(turned) => {
+                let (normal, height) = turned.solid.facets_near(turned.frame.point_into(p))?;
+                Some((turned.frame.direction_out(normal), height))
+            }
+            _ => None,
+        }
+    }
+
     /// On a curved surface, from where the straight line meets it first.
     fn round(&self, ends: &Ends, surface: Curved, center: DVec3) -> Option<DVec3> {
         let (towards, inverse) = ends.far.from(ends.near);

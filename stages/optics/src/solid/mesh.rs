@@ -280,6 +280,25 @@ impl Mesh {
         }
     }
 
+    /// A plane that its surface about runs in near a point: the unit normal outwards, and the height (mm) above the point along that; `None` where the surface
+    /// is far off, or there are no [`cells`](Self::cells).
+    pub fn plane_near(&self, p: DVec3) -> Option<(DVec3, f64)> {
+        let q = p - self.center;
+        let (mean, [low, high], faces) = self.cells()?.surface_about(q.as_vec3())?;
+        let plane = |face: u32| {
+            let normal = self.normals[face as usize];
+            (normal, normal.dot(self.corners[face as usize][0] - q))
+        };
+        let nearest = faces.map(plane).min_by(|(_, h), (_, other)| h.abs().total_cmp(&other.abs()));
+        let beside = || (mean.as_dvec3().normalize(), f64::from(if low > 0.0 { low } else { high.min(0.0) }));
+        Some(nearest.unwrap_or_else(beside))
+    }
+
+    /// A distance (mm, >= 0) within which of `p` its [`cells`](Self::cells) know no point of the surface; 0 without them.
+    pub(super) fn clearance_by_cells(&self, p: DVec3) -> f64 {
+        self.cells().map_or(0.0, |cells| f64::from(cells.clearance((p - self.center).as_vec3().to_array())))
+    }
+
     /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.
     pub fn refractions(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
         let ends = ends.moved(|p| p - self.center, |w| w);

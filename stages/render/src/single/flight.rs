@@ -304,7 +304,7 @@ impl<S: Simd> Flight<S> {
         let simd = self.simd;
         let mu_t = self.end.mu_a + self.end.mu_s;
         let (roulette, mut least) = (self.uniform(), mu_t * self.passage.clear);
-        let mut near = (roulette * inverse_survival(simd, least)).simd_lt(1.0);
+        let mut near = (roulette * inverse_survival(simd, least, frame.tau_sure)).simd_lt(1.0);
         if !frame.ground.meshes.is_empty() {
             // An estimate costs more than to ask how far the surface really is.
             let asks = near & self.stale & scattered;
@@ -312,7 +312,7 @@ impl<S: Simd> Flight<S> {
                 let clear = frame.ground.from_meshes(simd, asks, self.end.body, self.end.r);
                 self.end.known_clear = choose(asks, clear, self.end.known_clear);
                 least = choose(asks, mu_t * clear.min(self.clear_of_others), least);
-                near &= (roulette * inverse_survival(simd, least)).simd_lt(1.0);
+                near &= (roulette * inverse_survival(simd, least, frame.tau_sure)).simd_lt(1.0);
             }
         }
         (roulette, least, near)

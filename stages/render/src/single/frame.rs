@@ -47,6 +47,10 @@ pub struct Frame<'a> {
     pub plane: Option<Plane>,
     /// The same where it bends at interfaces of other shapes.
     pub interfaces: Option<Interfaces>,
+    /// Optical distance from the light up to which all vertices are connected to it.
+    pub tau_sure: f32,
+    /// Of each body, what estimates through interfaces are measured by: see `Walker::worth`.
+    pub worth: Vec<f32>,
     /// Whether they turn flights in lanes, too.
     pub turns: bool,
     /// Block of random numbers of a path's first flight within a medium: where light bends the one before brings it through the plane.

@@ -10,9 +10,9 @@ use super::bend::{advanced, tangent};
 use super::face::{Form, Interfaces, Within, extent, faces_of};
 use super::frame::Frame;
 use super::ground::{Chord, Ground, Part, Shape, chord};
-use super::lane::{F, M, V, choose, splat};
+use super::lane::{F, M, U, V, choose, splat};
 use super::limits::{MOST_FACES, MOST_TURNING, SLIVER};
-use super::visibility::{Met, Visibility, chords, find_chords, own_length};
+use super::visibility::{Visibility, chords, own_length};
 use crate::bsdf::Bsdf;
 use crate::strata::Bending;
 use crate::walker::Walker;
@@ -35,6 +35,15 @@ pub struct Refraction<S: Simd> {
     pub gain: F<S>,
     /// Optical depth up to the face.
     pub tau: F<S>,
+}
+
+/// What an estimate is aimed at.
+pub struct Heading<S: Simd> {
+    /// Unit vector towards the light.
+    pub towards: V<S>,
+    /// Optical depth up to the interface, and its unit normal outwards.
+    pub tau: F<S>,
+    pub normal: V<S>,
 }
 
 /// Where Snell's law may hold.
@@ -147,31 +156,35 @@ impl Interfaces {
         }
     }
 
-    /// Towards the light by the first connection that there is, and where there is one; else straight.
-    #[inline(always)]
-    pub fn heading<S: Simd>(
-        &self,
-        simd: S,
-        frame: &Frame<'_>,
-        asked: M<S>,
-        p: V<S>,
-        met: &mut Met<S>,
-    ) -> (Visibility<S>, M<S>) {
-        let mut first = self.refraction(simd, frame, 0, asked, p);
-        for face in 1..self.faces.len() {
-            let open = asked & !first.found;
-            if open.all_false() {
-                break;
-            }
-            let next = self.refraction(simd, frame, face, open, p);
-            first = first.or(!next.found, &next);
-        }
-        let found = first.found;
-        first.towards = first.towards.or(found, self.to_light(p).0);
-        first.tau = choose(found, first.tau, splat(simd, 0.0));
-        let visibility = first.visibility(!found);
-        find_chords(simd, frame, p, first.towards, &mut met.chords);
-        (visibility, found)
+    /// Towards the light as the interface of each lane's own body bends it; see `Walker::heading_past_one`.
+    #[inline(never)]
+    pub fn heading<S: Simd>(&self, simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>) -> Heading<S> {
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let (mut towards, _) = self.to_light(r);
+                let (mut distance, mut normal, mut mu_t) = (splat(simd, 0.0), towards, splat(simd, 0.0));
+                for _ in 0..2 {
+                    let before = towards;
+                    for j in (0..frame.parts.len()).filter(|&j| frame.parts[j].open) {
+                        let own = body.simd_eq(j as u32);
+                        if own.all_false() {
+                            continue;
+                        }
+                        let leave = frame.ground.chord(simd, j, r, before).leave.max(splat(simd, 0.0));
+                        let foot = r.plus(leave, before);
+                        let n = frame.ground.normal(simd, j, foot);
+                        let n = n.times((1.0 / n.dot(n).sqrt()).copysign(n.dot(before)));
+                        let a = self.to_light(foot).0;
+                        distance = choose(own, leave, distance);
+                        normal = n.or(own, normal);
+                        towards = self.refracted(a, n).or(own & a.dot(n).simd_gt(0.0), towards);
+                        mu_t = choose(own, splat(simd, frame.mu_t[j]), mu_t);
+                    }
+                }
+                Heading { towards, tau: distance * mu_t, normal }
+            },
+        )
     }
 
     /// Unit vectors inside towards the light that comes from a; n is the normal outwards.

@@ -7,14 +7,14 @@ use super::deposit::{Deposit, Seen};
 use super::facets::bits;
 use super::frame::Frame;
 use super::ground::Chord;
-use super::interfaces::Refraction;
+use super::interfaces::{Heading, Refraction};
 use super::lane::{F, LANES, M, U, V, choose, exp, ln, philox, splat, unit};
 use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, TURNED};
 use super::phase_function::Phase;
-use super::rows::{Counts, VertexLanes, Vertices};
+use super::rows::{Counts, PlaceLanes, Places, VertexLanes, Vertices};
 use super::source::{Arrival, Source, whether_projected};
 use super::visibility::{Met, Visibility, add_along, add_in_own, find_chords, first_segment, steepness, visibility};
-use crate::ahead::{FLAT, TAU_SURE};
+use crate::ahead::{FLAT, LEAST_CHANCE};
 use crate::connect::OTHER_CONNECTIONS;
 use crate::lengths::MOST_LENGTHS;
 
@@ -25,13 +25,15 @@ const GONE: f32 = 17.0;
 #[derive(Clone, Debug)]
 pub struct NextEvents {
     pub vertices: Vertices,
+    /// Where light comes through interfaces, the places on their lines that are to be connected: some of them.
+    places: Places,
     /// Where light bends.
     pub scalar_connections: Vec<ScalarConnection>,
 }
 
 impl NextEvents {
     pub fn new(counted: bool) -> Self {
-        Self { vertices: Vertices::new(counted), scalar_connections: Vec::new() }
+        Self { vertices: Vertices::new(counted), places: Places::new(counted), scalar_connections: Vec::new() }
     }
 }
 
@@ -48,6 +50,12 @@ pub fn estimate_while<S: Simd>(
 ) {
     while next_events.vertices.len() >= many {
         estimate_once(simd, next_events, frame, key, high, responses);
+        while next_events.places.len() >= LANES {
+            connect_once(simd, next_events, frame, key, high, responses);
+        }
+    }
+    while next_events.places.len() >= many {
+        connect_once(simd, next_events, frame, key, high, responses);
     }
 }
 
@@ -66,6 +74,25 @@ fn estimate_once<S: Simd>(
         || {
             estimate(simd, next_events, frame, key, high, responses);
             next_events.vertices.drop_first(simd);
+        },
+    );
+}
+
+/// The same of places that are connected through interfaces.
+#[inline(never)]
+fn connect_once<S: Simd>(
+    simd: S,
+    next_events: &mut NextEvents,
+    frame: &Frame<'_>,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            see_through_interfaces(simd, next_events, frame, key, high, responses);
+            next_events.places.drop_first(simd);
         },
     );
 }
@@ -92,24 +119,15 @@ fn estimate<S: Simd>(
     for source in &frame.sources {
         let line = line(simd, frame, source, key, high, &ray, &mut met);
         if frame.interfaces.is_some() {
-            see_through_interfaces(
-                simd,
-                &mut next_events.scalar_connections,
-                source,
-                key,
-                high,
-                &ray,
-                &line,
-                &mut deposit,
-                &mut met,
-            );
+            next_events.places.pack(line.asked, &line.place(&ray));
             continue;
         }
         let visibility = visibility(simd, frame, source, line.asked, line.r, &mut met);
         let seen = line.sees(simd, frame, source, &visibility, &met.chords);
         if frame.plane.as_ref().is_some_and(|plane| plane.scalar_connections) {
-            let tried = line.asked & tries(simd, key, high, &ray, &line);
-            line.leave(simd, &mut next_events.scalar_connections, &ray, tried, |_| FoundInLanes::Unsure);
+            let place = line.place(&ray);
+            let tried = line.asked & tries(simd, key, high, &place);
+            line.leave(simd, &mut next_events.scalar_connections, &place, tried, |_| FoundInLanes::Unsure);
         }
         if source.is_lamp() {
             for ((sum, radiance), scale) in steady[..channels].iter_mut().zip(seen.radiance).zip(source.scales) {
@@ -134,10 +152,9 @@ struct Ray<S: Simd> {
 struct Line<S: Simd> {
     asked: M<S>,
     r: V<S>,
-    /// Unit vector along which the path comes there, and mm.
+    /// Unit vector along which the path comes there, and the optical depth of that.
     e: V<S>,
-    s: F<S>,
-    mu_t: F<S>,
+    passed: F<S>,
     phase: Phase<S>,
     /// Of what is scattered there, without what is lost on the line.
     fraction: F<S>,
@@ -162,13 +179,14 @@ fn line<S: Simd>(
     let VertexLanes { r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = vertex;
     let VertexLanes { number, sample, pixel, body, mut lengths, .. } = vertex;
     let mu_t = mu_a + mu_s;
-    let (to_light, known) = if let Some(interfaces) = &frame.interfaces {
-        interfaces.heading(simd, frame, waiting, r, met)
+    let through = frame.interfaces.as_ref().map(|interfaces| interfaces.heading(simd, frame, body, r));
+    let (towards, tau, interface, interface_body) = if let Some(heading) = &through {
+        (heading.towards, heading.tau, splat(simd, 0.0), body)
     } else {
-        (visibility(simd, frame, source, waiting, r, met), M::splat(simd, true))
+        let Visibility { towards, tau, .. } = visibility(simd, frame, source, waiting, r, met);
+        let (interface, interface_body) = first_segment(simd, frame, body, r, &met.chords);
+        (towards, tau, interface, interface_body)
     };
-    let Visibility { towards, tau, .. } = to_light;
-    let (interface, interface_body) = first_segment(simd, frame, body, r, &met.chords);
 
     // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
     let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
@@ -184,16 +202,24 @@ fn line<S: Simd>(
     let e =
         V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
     let balance = choose(given, splat(simd, 1.0), phase.twice_balance(came.dot(e), e.dot(towards)));
-    let (mut steepness, mut incidence) =
-        steepness(simd, frame, r, towards, (interface, interface_body, &met.normals), e);
-    if frame.interfaces.is_some() {
-        steepness = choose(known, steepness, splat(simd, 0.0));
-        incidence = choose(known, incidence, splat(simd, 1.0));
-    }
+    let (steepness, incidence) = if let Some(Heading { normal, .. }) = &through {
+        let cos = towards.dot(*normal);
+        (e.dot(*normal) / cos, cos)
+    } else {
+        steepness(simd, frame, r, towards, (interface, interface_body, &met.normals), e)
+    };
     // Nor are the camera's and those from interfaces subject to roulette. See `crate::ahead::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
-    let inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth));
+    let mut inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth, frame.tau_sure));
+    let mut roulette = roulette;
+    if through.is_some() {
+        let scattered = weight * balance * phase.density(e.dot(towards)) * mu_s / mu_t;
+        inverse_survival =
+            inverse_survival.max(inverse_chance(simd, frame, body, scattered * expected(simd, steepness, tau)));
+        // Those have a number of their own.
+        roulette = choose(sure, unit(choice), roulette);
+    }
     let chosen = waiting & (roulette * inverse_survival).simd_lt(1.0);
     let along = &mut met.chords;
     find_chords(simd, frame, r, e, along);
@@ -211,8 +237,7 @@ fn line<S: Simd>(
         asked: chosen & length.simd_gt(0.0),
         r: r.plus(s, e),
         e,
-        s,
-        mu_t,
+        passed: mu_t * s,
         phase,
         fraction: weight * inverse_survival * (balance * inverse_density * mu_s),
         lengths,
@@ -235,7 +260,7 @@ impl<S: Simd> Line<S> {
         let zero = splat(simd, 0.0);
         let &Visibility { towards, tau, blocked, foot, gain, .. } = visibility;
         let Arrival { irradiance, lit, x, y } = source.arrives(simd, foot);
-        let dark = self.mu_t * self.s + tau;
+        let dark = self.passed + tau;
         let p = self.phase.density(self.e.dot(towards));
         let seen = self.asked & lit & !blocked & dark.simd_lt(DARK);
         let radiance = choose(seen, self.fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
@@ -257,24 +282,32 @@ impl<S: Simd> Line<S> {
         Seen { radiance: seen_in, lit: seen, x, y }
     }
 
+    /// The record of it.
+    #[inline(always)]
+    fn place(&self, ray: &Ray<S>) -> PlaceLanes<S> {
+        let &Self { r, e, passed, fraction, lengths, block, place, phase, .. } = self;
+        let VertexLanes { sample, pixel, response, body, .. } = ray.vertex;
+        PlaceLanes { r, e, g: phase.g, fraction, passed, block, place, sample, pixel, response, body, lengths }
+    }
+
     /// Leaves connections that lanes do not know to the scalar walker: one of them at random, or all of them.
     #[inline(always)]
     fn leave(
         &self,
         simd: S,
         scalar_connections: &mut Vec<ScalarConnection>,
-        ray: &Ray<S>,
+        place: &PlaceLanes<S>,
         left: M<S>,
         found: impl Fn(usize) -> FoundInLanes,
     ) {
-        let scattered = self.fraction * exp(-(self.mu_t * self.s).min(splat(simd, DARK)));
+        let scattered = self.fraction * exp(-self.passed.min(splat(simd, DARK)));
         let (r, e) = (self.r, self.e);
         for i in bits(left.to_bitmask()) {
             scalar_connections.push(ScalarConnection {
                 number: self.block.as_slice()[i],
-                sample: ray.vertex.sample.as_slice()[i],
-                pixel: ray.vertex.pixel.as_slice()[i],
-                path: ray.vertex.response.as_slice()[i],
+                sample: place.sample.as_slice()[i],
+                pixel: place.pixel.as_slice()[i],
+                path: place.response.as_slice()[i],
                 r: [r.x, r.y, r.z].map(|x| x.as_slice()[i]),
                 e: [e.x, e.y, e.z].map(|x| x.as_slice()[i]),
                 phase: self.phase.of_lane(i),
@@ -289,28 +322,42 @@ impl<S: Simd> Line<S> {
 
 /// Whether `Walker::reflected_connection`, or `Walker::sample_manifold`, tries at all.
 #[inline(always)]
-fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S>) -> M<S> {
-    let word = whether_projected(simd, line.place) | high;
-    let [draws, ..] = philox(simd, line.block, word, ray.vertex.sample, ray.vertex.pixel, key);
+fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, at: &PlaceLanes<S>) -> M<S> {
+    let word = whether_projected(simd, at.place) | high;
+    let [draws, ..] = philox(simd, at.block, word, at.sample, at.pixel, key);
     draws.simd_lt((OTHER_CONNECTIONS * 4_294_967_296.0) as u32)
 }
 
-/// Every connection by one refraction, and others by manifold sampling, which the scalar walker does; where lanes do not know, all is left to that.
+/// Of the first 16 places every connection by one refraction, and others by manifold sampling, which the scalar walker does; where lanes do not know, all is left to
+/// that. Adds to the responses of their paths.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "all that an estimate is made of")]
 fn see_through_interfaces<S: Simd>(
     simd: S,
-    scalar_connections: &mut Vec<ScalarConnection>,
-    source: &Source,
+    next_events: &mut NextEvents,
+    frame: &Frame<'_>,
     key: [u32; 2],
     high: u32,
-    ray: &Ray<S>,
-    line: &Line<S>,
-    deposit: &mut Deposit<'_>,
-    met: &mut Met<S>,
+    responses: &mut [f64],
 ) {
-    let frame = deposit.frame;
-    let Some(interfaces) = &frame.interfaces else { return };
+    let (Some(interfaces), Some(source)) = (&frame.interfaces, frame.sources.first()) else { return };
+    let NextEvents { places, scalar_connections, .. } = next_events;
+    let count = places.len().min(LANES);
+    let mut place = PlaceLanes::zeros(simd);
+    places.load(simd, &mut place);
+    let line = Line {
+        asked: M::from_bitmask(simd, (1 << count) - 1),
+        r: place.r,
+        e: place.e,
+        passed: place.passed,
+        phase: frame.phase_of_bodies(simd, place.g, place.body),
+        fraction: place.fraction,
+        lengths: place.lengths,
+        block: place.block,
+        place: place.place,
+    };
+    let channels = if frame.counts { frame.channels.len() } else { 1 };
+    let mut deposit = Deposit { frame, channels, paths: &place.response.as_slice()[..count], responses };
+    let mut met = Met::new();
     let mut refractions: [Option<Refraction<S>>; MOST_FACES] = std::array::from_fn(|_| None);
     // Of each lane the first connection that there is, and by bits the lanes that each of the others has found, too.
     let mut first = interfaces.refraction(simd, frame, 0, line.asked, line.r);
@@ -357,11 +404,11 @@ fn see_through_interfaces<S: Simd>(
         }
     }
     let wholly = line.asked & !found;
-    let tried = line.asked & !wholly & tries(simd, key, high, ray, line);
+    let tried = line.asked & !wholly & tries(simd, key, high, &place);
     let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
     let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
     let (known, unsure) = (found.to_bitmask(), first.unsure.to_bitmask());
-    line.leave(simd, scalar_connections, ray, tried | wholly, |i| {
+    line.leave(simd, scalar_connections, &place, tried | wholly, |i| {
         let at = |v: V<S>| [v.x, v.y, v.z].map(|x| x.as_slice()[i]);
         let (strength, towards, normal) = (strength.as_slice()[i], at(first.towards), at(first.normal));
         match (known >> i & 1, unsure >> i & 1) {
@@ -374,10 +421,31 @@ fn see_through_interfaces<S: Simd>(
 
 /// One over the probability of connecting; see `crate::ahead::inverse_survival`.
 #[inline(always)]
-pub fn inverse_survival<S: Simd>(simd: S, tau: F<S>) -> F<S> {
-    let x = (tau * (1.0 / TAU_SURE as f32)).max(splat(simd, 1.0));
+pub fn inverse_survival<S: Simd>(simd: S, tau: F<S>, sure: f32) -> F<S> {
+    let x = (tau * (1.0 / sure)).max(splat(simd, 1.0));
     let square = x * x;
     square * square
+}
+
+/// One over the probability with which estimates are made that are expected to bring so much; see `crate::ahead::inverse_chance`.
+#[inline(always)]
+fn inverse_chance<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, expected: F<S>) -> F<S> {
+    let mut worth = splat(simd, 0.0);
+    for (j, &of) in frame.worth.iter().enumerate() {
+        worth = choose(body.simd_eq(j as u32), splat(simd, of), worth);
+    }
+    let (inverse, most) = (worth / expected, splat(simd, (1.0 / LEAST_CHANCE) as f32));
+    choose(inverse.simd_lt(most), inverse.max(splat(simd, 1.0)), most)
+}
+
+/// See `crate::ahead::expected`.
+#[inline(always)]
+fn expected<S: Simd>(simd: S, steepness: F<S>, tau: F<S>) -> F<S> {
+    let (zero, dark) = (splat(simd, 0.0), splat(simd, DARK));
+    let fall = 1.0 - steepness;
+    let at_once = exp(-tau.min(dark));
+    let left = choose(steepness.simd_gt(zero), exp(-(tau / steepness).min(dark)), zero);
+    choose(fall.abs().simd_lt(FLAT as f32), tau * at_once, (at_once - left) / fall)
 }
 
 /// The rate of the density along the line by its steepness; see `crate::ahead::ahead`.

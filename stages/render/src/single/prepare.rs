@@ -93,6 +93,8 @@ impl<'a> Frame<'a> {
             first: if bends { 4 } else { 2 },
             plane,
             interfaces,
+            tau_sure: walker.tau_sure as f32,
+            worth: parts.iter().map(|part| walker.worth[part.material] as f32).collect(),
             next_events,
             repeated: can.repeated,
             lamps: singly,

@@ -140,6 +140,33 @@ record! {
     }
 }
 
+record! {
+    /// The place of the next scattering on a line, that waits to be connected through interfaces.
+    Place, PlaceRow, PlaceLanes, Places: 2, 3, 6;
+    vectors {
+        /// mm from the local origin.
+        r,
+        /// Unit vector along which the path comes there.
+        e,
+    }
+    floats {
+        g,
+        /// What is scattered there.
+        fraction,
+        /// Optical depth of the line, which that does not count.
+        passed,
+    }
+    words {
+        /// Random numbers of the estimate: its block, and its place on the ray.
+        block,
+        place,
+        sample,
+        pixel,
+        response,
+        body,
+    }
+}
+
 /// 31 records at most, and room behind them for a whole vector.
 const ROOM: usize = 3 * LANES;
 

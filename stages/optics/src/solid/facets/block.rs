@@ -101,6 +101,11 @@ fn sign(x: f64) -> i32 {
 }
 
 impl Block {
+    /// Numbers of its triangles.
+    pub fn faces(&self) -> impl Iterator<Item = u32> + '_ {
+        self.faces.iter().copied().filter(|&face| face != NONE)
+    }
+
     /// Of one to eight triangles and their numbers.
     pub fn of(triangles: impl ExactSizeIterator<Item = (u32, [[f32; 3]; 3])>) -> Self {
         let count = triangles.len();
