@@ -5,7 +5,6 @@
 use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::refraction::{Crossing, Leg, refract};
-use turbid_optics::solid::{Ends, Far};
 
 use crate::connection::{Connection, SpecularChain, Stretch};
 use crate::lamp::Source;
@@ -14,7 +13,7 @@ use crate::random::{Dice, NeeSite, Purpose, Stream};
 use crate::setting::Setting;
 use crate::strata::{Bending, Layer, Strata};
 use crate::walker::Walker;
-use crate::world::{Body, SurfacePoint};
+use crate::world::SurfacePoint;
 
 /// Where light comes from, be it lit or not, and how far off it is.
 pub(crate) struct Heading {
@@ -187,27 +186,16 @@ impl Walker<'_> {
         })
     }
 
-    /// Whether light comes through facets that turn it.
-    #[inline]
-    pub(crate) fn aims_past_facets(&self) -> bool {
-        self.facetted && self.bending == Bending::AtInterfaces
-    }
-
     /// The direction of a source from r, inside a medium and at least the optical depth `tau` away.
     #[inline]
     pub(crate) fn heading(&mut self, source: Source<'_>, r: DVec3, material: usize, tau: f64) -> Heading {
-        if self.aims_past_facets() {
-            return self.heading_past_facets(source, r, material, tau);
+        if self.bending == Bending::AtInterfaces {
+            return self.heading_past_interfaces(source, r, r, material, tau);
         }
         let (towards, distance) = source.towards(r);
         if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             let visibility = self.visibility(r, towards, distance, None);
             return Heading { towards, tau: visibility.tau, exit: visibility.exit };
-        }
-        if self.bending == Bending::AtInterfaces
-            && let Some(heading) = self.heading_past_one(source, r, r, material)
-        {
-            return heading;
         }
         match self.connect(source, r, None, false) {
             Some(Connection { towards, tau, exit, .. }) => Heading { towards, tau, exit },
@@ -215,91 +203,54 @@ impl Walker<'_> {
         }
     }
 
-    /// The same by the nearest place where a body refracts light to r, by near facets as if they were one plane. Whether light gets there is not asked: no
-    /// estimate depends on what it is aimed at, and a search for the connection takes most of the time of an estimate.
-    fn heading_past_facets(&mut self, source: Source<'_>, r: DVec3, material: usize, tau: f64) -> Heading {
+    /// The same as the nearest interface bends light, as if its body were alone and the interface flat; `inside` is near r and in the material, `tau` the optical depth
+    /// of the interface at least. Whether light gets there is not asked: what an estimate is aimed at decides how noisy it is, not what it means, and a search for
+    /// connections takes most of the time of an estimate.
+    fn heading_past_interfaces(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        inside: DVec3,
+        material: usize,
+        tau: f64,
+    ) -> Heading {
         let world = self.setting.world;
-        let (origin, along) = source.origin();
-        let (towards, distance) = source.towards(r);
-        let (n_far, n_near, mu_t) =
-            (self.index_around(origin), world.materials[material].n, world.materials[material].mu_t());
-        if n_far == n_near {
-            let visibility = self.visibility(r, towards, distance, None);
-            return Heading { towards, tau: visibility.tau.max(tau), exit: visibility.exit };
-        }
-        let ends =
-            Ends { far: along.map_or(Far::Point(origin), |along| Far::Direction(-along)), n_far, near: r, n_near };
-        let mut nearest: Option<(f64, Heading)> = None;
-        let mut offer = |distance: f64, towards: DVec3, exit: DVec3| {
-            let least = nearest.as_ref().map_or(f64::INFINITY, |&(least, _)| least);
-            if distance > 0.0 && distance < least {
-                nearest = Some((distance, Heading { towards, tau: mu_t * distance, exit: Some(exit) }));
-                return distance;
-            }
-            least
+        let (n_far, medium) = (self.index_around(source.origin().0), &world.materials[material]);
+        let (mu_t, (straight, reach)) = (medium.mu_t(), source.towards(r));
+        // Towards light that comes from `against` through an interface of the unit normal `exit`, towards that.
+        let bent = |against: DVec3, exit: DVec3| {
+            let lit = against.dot(exit) > 0.0;
+            lit.then(|| refract(-against, exit, n_far, medium.n).refracted).flatten().map(|inside| -inside)
         };
-        let mut least = f64::INFINITY;
-        let mut searched = std::mem::take(&mut self.searched);
-        for (i, body) in world.bodies.iter().enumerate() {
-            if world.materials[body.material].is_opaque() {
+        let (mut nearest, mut heading) = (reach, Heading { towards: straight, tau: mu_t * reach, exit: None });
+        for body in world.bodies.iter().filter(|body| !world.materials[body.material].is_opaque()) {
+            let own = body.material == material;
+            if !own && world.materials[body.material].n == medium.n {
                 continue;
             }
-            let near = body.solid.facets_near(r).and_then(|(outwards, height)| {
-                // The point is in the mesh where their media are one.
-                let within = body.material == material;
-                let (exit, height) = if within { (outwards, height) } else { (-outwards, -height) };
-                let bent = (towards.dot(exit) > 0.0).then(|| refract(-towards, exit, n_far, n_near).refracted);
-                let inside = -bent.flatten()?;
-                // The surface is at least tau away.
-                let depth = height.max(tau / mu_t).max(f64::MIN_POSITIVE);
-                Some((depth / inside.dot(exit), inside, exit))
+            let facet = body.solid.facets_near(r).and_then(|(outwards, height)| {
+                let (exit, height) = if own { (outwards, height) } else { (-outwards, -height) };
+                let towards = bent(straight, exit)?;
+                Some((height.max(tau / mu_t).max(0.0) / towards.dot(exit), towards, exit))
             });
-            match near {
-                Some((distance, towards, exit)) => least = offer(distance, towards, exit),
-                None => searched.push((body.solid.clearance_at_once(r), i)),
-            }
-        }
-        // From the nearest on, and none that is farther off than what is known.
-        searched.sort_by(|(one, _), (other, _)| one.total_cmp(other));
-        for (clear, i) in searched.drain(..) {
-            if clear >= least {
-                break;
-            }
-            world.bodies[i].solid.crossings(&ends, &mut |p| {
-                let distance = (p - r).length();
-                let (a, b) = (source.towards(p).0, (r - p) / distance);
-                // By Snell's law that is along the normal.
-                let normal = (n_far * a + n_near * b).normalize();
-                least = offer(distance, -b, if normal.dot(b) > 0.0 { -normal } else { normal });
+            let found = facet.or_else(|| {
+                let (distance, exit) = own.then(|| body.solid.way_out((r, inside), straight, &mut self.scratch))??;
+                let foot = r + distance * straight;
+                let towards = bent(source.towards(foot).0, exit).unwrap_or(straight);
+                if !body.solid.is_convex() || distance >= reach {
+                    return Some((distance, towards, exit));
+                }
+                // From where that leaves the body.
+                let (distance, exit) = body.solid.way_out((r, inside), towards, &mut self.scratch)?;
+                let foot = r + distance * towards;
+                Some((distance, bent(source.towards(foot).0, exit).unwrap_or(towards), exit))
             });
-        }
-        self.searched = searched;
-        nearest.map_or(Heading { towards, tau, exit: None }, |(_, heading)| heading)
-    }
-
-    /// From `r` as the interface of the convex body that holds `inside` bends light, as if that body were alone and its interface flat: none of what it is
-    /// aimed at decides what an estimate means, only how noisy it is. `None` where other bodies are of the material.
-    fn heading_past_one(&self, source: Source<'_>, r: DVec3, inside: DVec3, material: usize) -> Option<Heading> {
-        let world = self.setting.world;
-        let holds = |body: &&Body| body.material == material && body.solid.is_convex() && body.solid.contains(inside);
-        let solid = &world.bodies.iter().find(holds)?.solid;
-        let (n_far, medium) = (self.index_around(source.origin().0), &world.materials[material]);
-        let (mut towards, reach) = source.towards(r);
-        let (mut distance, mut exit) = (0.0, DVec3::ZERO);
-        // The straight line first; then from where that leaves the body.
-        for _ in 0..2 {
-            distance = solid.chord(r, towards).1.max(0.0);
-            if distance >= reach {
-                return Some(Heading { towards, tau: medium.mu_t() * reach, exit: None });
+            if let Some((distance, towards, exit)) = found.filter(|(distance, ..)| *distance < nearest) {
+                nearest = distance;
+                heading = Heading { towards, tau: mu_t * distance, exit: Some(exit) };
             }
-            let foot = r + distance * towards;
-            let normal = solid.normal(0, foot);
-            let against = source.towards(foot).0;
-            exit = if normal.dot(towards) < 0.0 { -normal } else { normal };
-            let bent = refract(-against, exit, n_far, medium.n).refracted;
-            towards = bent.filter(|_| against.dot(exit) > 0.0).map_or(towards, |inside| -inside);
         }
-        Some(Heading { towards, tau: medium.mu_t() * distance, exit: Some(exit) })
+        heading
     }
 
     /// The same from where a ray comes into a material at `start`, by an interface of the unit normal `normal` against the ray; `inside` is a point of the ray
@@ -311,16 +262,10 @@ impl Walker<'_> {
         inside: DVec3,
         material: usize,
     ) -> Heading {
-        if self.aims_past_facets() {
-            return self.heading_past_facets(source, inside, material, 0.0);
-        }
         let bent = match self.bending {
             Bending::Nowhere | Bending::AtRough => None,
             Bending::AtPlanes(_) | Bending::Anywhere => self.connect(source, inside, None, false),
-            Bending::AtInterfaces => match self.heading_past_one(source, start, inside, material) {
-                Some(heading) => return heading,
-                None => self.connect(source, inside, None, false),
-            },
+            Bending::AtInterfaces => return self.heading_past_interfaces(source, start, inside, material, 0.0),
         };
         let towards = bent.map_or_else(|| source.towards(start).0, |connection| connection.towards);
         // Where the ray came in is where the light comes in, if it comes from that side.

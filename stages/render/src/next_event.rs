@@ -299,8 +299,8 @@ impl<'a> Walker<'a> {
         if roulette * self.inverse_survival(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
-        // Among facets what is aimed at costs less than a distance.
-        if !self.aims_past_facets() {
+        // Among facets that turn light what is aimed at costs less than a distance.
+        if !(self.facetted && self.bending == Bending::AtInterfaces) {
             // Lanes may know better: surfaces that do not show are none to them.
             at.clear = at.clear.max(world.clearance(at.r));
             if roulette * self.inverse_survival(material.mu_t() * at.clear) >= 1.0 {

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use fearless_simd::Level;
 use glam::DVec3;
 use turbid_optics::rough::FacetFlight;
+use turbid_optics::solid::Chord;
 
 use crate::ahead;
 use crate::connection::{Connection, Known, SpecularChain};
@@ -34,8 +35,8 @@ pub struct Walker<'a> {
     /// Those through interfaces of any shape that are known for sure, and places where there may be one.
     pub(crate) known: Vec<Known>,
     pub(crate) places: Vec<DVec3>,
-    /// Bodies whose surface is searched for what light is aimed at, and how far off they are at least.
-    pub(crate) searched: Vec<(f64, usize)>,
+    /// Of a line and one body.
+    pub(crate) scratch: Vec<Chord>,
     /// What interfaces do to a ray on the chain that is being searched: whether they reflect it.
     pub(crate) events: Vec<bool>,
     /// Connections found by manifold sampling that were too rare to be weighed.
@@ -139,7 +140,7 @@ impl<'a> Walker<'a> {
             connections: Vec::new(),
             known: Vec::new(),
             places: Vec::new(),
-            searched: Vec::new(),
+            scratch: Vec::new(),
             events: Vec::new(),
             given_up: 0,
             bending,

@@ -294,11 +294,6 @@ impl Mesh {
         Some(nearest.unwrap_or_else(beside))
     }
 
-    /// A distance (mm, >= 0) within which of `p` its [`cells`](Self::cells) know no point of the surface; 0 without them.
-    pub(super) fn clearance_by_cells(&self, p: DVec3) -> f64 {
-        self.cells().map_or(0.0, |cells| f64::from(cells.clearance((p - self.center).as_vec3().to_array())))
-    }
-
     /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.
     pub fn refractions(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
         let ends = ends.moved(|p| p - self.center, |w| w);

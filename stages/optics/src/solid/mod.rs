@@ -244,14 +244,19 @@ impl Solid {
         }
     }
 
-    /// A clearance that is found without a search: of meshes by their cells, 0 where they have none.
-    pub fn clearance_at_once(&self, p: DVec3) -> f64 {
-        match self {
-            Self::Mesh(mesh) => mesh.clearance_by_cells(p),
-            Self::Turned(turned) => turned.solid.clearance_at_once(turned.frame.point_into(p)),
-            Self::Carved(_) => 0.0,
-            _ => self.clearance(p),
+    /// How far (mm, >= 0) a line from `r` along `w` goes in the solid, and the unit normal outwards where it leaves it; `None` where `inside`, a point near r, is not in
+    /// the solid. Where that is not convex, of a line from there.
+    pub fn way_out(&self, (r, inside): (DVec3, DVec3), w: DVec3, chords: &mut Vec<Chord>) -> Option<(f64, DVec3)> {
+        if self.is_convex() {
+            let distance = self.contains(inside).then(|| self.chord(r, w).1.max(0.0))?;
+            let normal = self.normal(0, r + distance * w);
+            // Where r is on an edge that may be the other face's.
+            return Some((distance, if normal.dot(w) < 0.0 { -normal } else { normal }));
         }
+        chords.clear();
+        self.cut(inside, w, None, chords);
+        let own = chords.iter().find(|chord| chord.enter <= 0.0 && chord.leave > 0.0)?;
+        Some((own.leave, self.normal(own.out_of, inside + own.leave * w)))
     }
 
     /// Outward unit normal at a point of a face.
