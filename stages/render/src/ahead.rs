@@ -5,6 +5,7 @@ use std::f64::consts::FRAC_1_PI;
 use turbid_optics::elementary::{exp, ln};
 use turbid_optics::{Medium, diffusion};
 
+use crate::connect::OTHER_CONNECTIONS;
 use crate::world::Material;
 
 /// A vertex is connected with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from the light; estimating ahead, from the plane of
@@ -47,6 +48,13 @@ pub fn inverse_chance(expected: f64, worth: f64) -> f64 {
     // Where nothing is expected that is not a number, or infinite.
     let inverse = worth / expected;
     if inverse < 1.0 / LEAST_CHANCE { inverse.max(1.0) } else { 1.0 / LEAST_CHANCE }
+}
+
+/// With which probability connections other than the likeliest are tried, where the point is connected with this chance: what is expected is not of them, so
+/// that is not to make those that are found as rare and as bright as it makes the likeliest.
+#[inline]
+pub fn others(inverse_chance: f64) -> f64 {
+    (OTHER_CONNECTIONS * inverse_chance.sqrt()).min(1.0)
 }
 
 /// s in (0, length) from a density proportional to exp(-rate s), and one over that density.

@@ -41,6 +41,8 @@ pub(crate) struct Draws<'a> {
     /// Number of the flight beside which it is.
     pub flight: u64,
     pub site: NeeSite,
+    /// With which probability connections other than the likeliest are tried, if that is known.
+    pub others: f64,
 }
 
 impl Draws<'_> {

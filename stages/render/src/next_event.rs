@@ -6,9 +6,9 @@ use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
-use crate::ahead::{self, ahead, depth, expected, inverse_chance};
+use crate::ahead::{self, ahead, depth, expected, inverse_chance, others};
 use crate::caustic::Best;
-use crate::connect::{Draws, Heading};
+use crate::connect::{Draws, Heading, OTHER_CONNECTIONS};
 use crate::lamp::Source;
 use crate::lengths::{Lengths, count, sum};
 use crate::random::{NeeSite, Stream};
@@ -110,7 +110,7 @@ impl<'a> Walker<'a> {
         let stream = self.stream(at);
         let mut connections = std::mem::take(&mut self.connections);
         self.reach(source, at.r, at.surface_point, &mut connections);
-        let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
+        let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here, others: OTHER_CONNECTIONS };
         self.reach_on(source, at.r, at.surface_point, &draws, &mut connections);
         for connection in connections.drain(..) {
             let cos = normal.dot(connection.towards);
@@ -145,7 +145,7 @@ impl<'a> Walker<'a> {
                 true,
             );
             let mut mirrored = std::mem::take(&mut self.mirrored);
-            let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
+            let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here, others: OTHER_CONNECTIONS };
             for behind in [false, true] {
                 let first = mirrored.len();
                 let surface_point = SurfacePoint { inside: surface_point.inside != behind, ..surface_point };
@@ -208,12 +208,14 @@ impl<'a> Walker<'a> {
         };
         let Heading { towards, tau, exit } = heading;
         let weight = at.weight * at.mis_weight;
-        let inverse_survival = self.inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), 0.0))
-            .max(self.inverse_chance(weight, at.w, &heading, entry.material));
+        let inverse_survival = self.inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), 0.0));
+        let inverse_chance = self.inverse_chance(weight, at.w, &heading, entry.material);
+        let inverse_survival = inverse_survival.max(inverse_chance);
         if roulette * inverse_survival >= 1.0 {
             return;
         }
-        let draws = Draws { stream, flight: at.flight(), site: NeeSite::Entered(place) };
+        let others = others(inverse_chance);
+        let draws = Draws { stream, flight: at.flight(), site: NeeSite::Entered(place), others };
         let [.., u] = draws.point(source);
         let line = Line { r: entry.r, e: at.w, length: entry.length, material: entry.material, towards, exit };
         self.score(at.response, &line, weight * inverse_survival, unit(u), source, &draws, &entry.lengths);
@@ -227,7 +229,7 @@ impl<'a> Walker<'a> {
         if roulette * inverse_survival >= 1.0 {
             connections.clear();
         } else {
-            let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
+            let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here, others: OTHER_CONNECTIONS };
             self.reach_on(source, at.r, None, &draws, &mut connections);
         }
         let phase = self.setting.world.materials[at.material].phase;
@@ -264,11 +266,13 @@ impl<'a> Walker<'a> {
                 for source in self.sources() {
                     let heading = self.heading_from_interface(source, (start, normal), inside, segment.material);
                     let Heading { towards, exit, .. } = heading;
-                    let draws = Draws { stream, flight: at.flight(), site: NeeSite::Next(scored) };
+                    let mut draws =
+                        Draws { stream, flight: at.flight(), site: NeeSite::Next(scored), others: OTHER_CONNECTIONS };
                     let [roulette, .., u] = draws.point(source);
                     let weight = at.weight * libm::exp(-tau);
                     let inverse_chance = self.inverse_chance(weight, at.w, &heading, segment.material);
                     if unit(roulette) * inverse_chance < 1.0 {
+                        draws.others = others(inverse_chance);
                         let line = Line { r: start, e: at.w, length, material: segment.material, towards, exit };
                         self.score(at.response, &line, weight * inverse_chance, unit(u), source, &draws, &lengths);
                     }
@@ -325,7 +329,7 @@ impl<'a> Walker<'a> {
         let s = self.setting;
         let (source, stream) = (Source::Projector(s.light), Stream::new(s.key, scalar.pixel, scalar.sample, s.channel));
         let (flight, site) = NeeSite::of(scalar.number, scalar.place as usize);
-        let draws = Draws { stream: &stream, flight, site };
+        let draws = Draws { stream: &stream, flight, site, others: scalar.others.into() };
         let mut connections = std::mem::take(&mut self.connections);
         if self.bending == Bending::AtInterfaces {
             match scalar.found {
@@ -372,12 +376,15 @@ impl<'a> Walker<'a> {
         }
         let phase = material.phase;
         let stream = self.stream(at);
-        let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Next(0) };
+        let mut draws =
+            Draws { stream: &stream, flight: at.flight(), site: NeeSite::Next(0), others: OTHER_CONNECTIONS };
         let [choice, b, c, u] = draws.point(source);
         let e = if choice >> 31 == 0 { own } else { phase.sample(towards, unit(b), unit(c)) };
         // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
         let weight = at.weight * at.mis_weight * (2.0 * phase.balance(at.w.dot(e), e.dot(towards)));
-        let inverse_survival = inverse_survival.max(self.inverse_chance(weight, e, &heading, at.material));
+        let inverse_chance = self.inverse_chance(weight, e, &heading, at.material);
+        draws.others = others(inverse_chance);
+        let inverse_survival = inverse_survival.max(inverse_chance);
         if roulette * inverse_survival >= 1.0 {
             return;
         }

@@ -220,7 +220,7 @@ mod tests {
             let (mut sum, mut square, mut turns, mut longest) = (0.0, 0.0, 0, 0);
             for i in 0..draws {
                 let stream = Stream::new([3, 0], 0, i, 0);
-                let draws = Draws { stream: &stream, flight: 2, site: NeeSite::Here };
+                let draws = Draws { stream: &stream, flight: 2, site: NeeSite::Here, others: OTHER_CONNECTIONS };
                 let found = walker
                     .reflected_connection(source, r, None, &draws)
                     .map_or(0.0, |connection| strength(&connection));

@@ -9,7 +9,7 @@ use turbid_optics::refraction::refract;
 
 use super::Next;
 use super::shot::{Shot, SurfaceNormals};
-use crate::connect::{Draws, OTHER_CONNECTIONS};
+use crate::connect::Draws;
 use crate::connection::{Connection, SAME};
 use crate::lamp::Source;
 use crate::random::Dice;
@@ -116,7 +116,7 @@ impl Walker<'_> {
             return None;
         }
         let (r, surface_point) = begin;
-        let tried = if best.is_some() { OTHER_CONNECTIONS } else { 1.0 };
+        let tried = if best.is_some() { draws.others } else { 1.0 };
         let [whether, roulette, ..] = draws.whether(source);
         if whether >= tried {
             return None;

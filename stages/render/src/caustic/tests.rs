@@ -357,7 +357,7 @@ fn by_connections(case: &Case, points: u32) -> (Vec<Measured>, u64) {
                 let r = center + radius * libm::cbrt(c) * direction;
                 let n = walker.index_around(r);
                 let mut connections = Vec::new();
-                let draws = Draws { stream: &stream, flight: 2, site: NeeSite::Entered(0) };
+                let draws = Draws { stream: &stream, flight: 2, site: NeeSite::Entered(0), others: OTHER_CONNECTIONS };
                 let source = Source::Lamp(0, &case.lamp);
                 walker.reach(source, r, None, &mut connections);
                 walker.reach_on(source, r, None, &draws, &mut connections);

@@ -236,6 +236,8 @@ pub struct ScalarConnection {
     /// Of the estimate on its ray.
     pub place: u32,
     pub found: FoundInLanes,
+    /// With which probability it is tried, if one connection is known.
+    pub others: f32,
 }
 
 /// What lanes know of the connections of a point.

@@ -155,6 +155,8 @@ struct Line<S: Simd> {
     /// Unit vector along which the path comes there, and the optical depth of that.
     e: V<S>,
     passed: F<S>,
+    /// With which probability connections other than the likeliest are tried.
+    others: F<S>,
     phase: Phase<S>,
     /// Of what is scattered there, without what is lost on the line.
     fraction: F<S>,
@@ -212,11 +214,12 @@ fn line<S: Simd>(
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
     let mut inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth, frame.tau_sure));
-    let mut roulette = roulette;
+    let (mut roulette, mut others) = (roulette, splat(simd, OTHER_CONNECTIONS as f32));
     if through.is_some() {
         let scattered = weight * balance * phase.density(e.dot(towards)) * mu_s / mu_t;
-        inverse_survival =
-            inverse_survival.max(inverse_chance(simd, frame, body, scattered * expected(simd, steepness, tau)));
+        let inverse_chance = inverse_chance(simd, frame, body, scattered * expected(simd, steepness, tau));
+        others = (inverse_chance.sqrt() * OTHER_CONNECTIONS as f32).min(splat(simd, 1.0));
+        inverse_survival = inverse_survival.max(inverse_chance);
         // Those have a number of their own.
         roulette = choose(sure, unit(choice), roulette);
     }
@@ -238,6 +241,7 @@ fn line<S: Simd>(
         r: r.plus(s, e),
         e,
         passed: mu_t * s,
+        others,
         phase,
         fraction: weight * inverse_survival * (balance * inverse_density * mu_s),
         lengths,
@@ -285,9 +289,9 @@ impl<S: Simd> Line<S> {
     /// The record of it.
     #[inline(always)]
     fn place(&self, ray: &Ray<S>) -> PlaceLanes<S> {
-        let &Self { r, e, passed, fraction, lengths, block, place, phase, .. } = self;
+        let &Self { r, e, passed, others, fraction, lengths, block, place, phase, .. } = self;
         let VertexLanes { sample, pixel, response, body, .. } = ray.vertex;
-        PlaceLanes { r, e, g: phase.g, fraction, passed, block, place, sample, pixel, response, body, lengths }
+        PlaceLanes { r, e, g: phase.g, fraction, passed, others, block, place, sample, pixel, response, body, lengths }
     }
 
     /// Leaves connections that lanes do not know to the scalar walker: one of them at random, or all of them.
@@ -315,6 +319,7 @@ impl<S: Simd> Line<S> {
                 lengths: std::array::from_fn(|k| self.lengths.get(k).map_or(0.0, |l| l.as_slice()[i])),
                 place: self.place.as_slice()[i],
                 found: found(i),
+                others: place.others.as_slice()[i],
             });
         }
     }
@@ -325,7 +330,7 @@ impl<S: Simd> Line<S> {
 fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, at: &PlaceLanes<S>) -> M<S> {
     let word = whether_projected(simd, at.place) | high;
     let [draws, ..] = philox(simd, at.block, word, at.sample, at.pixel, key);
-    draws.simd_lt((OTHER_CONNECTIONS * 4_294_967_296.0) as u32)
+    unit(draws).simd_lt(at.others)
 }
 
 /// Of the first 16 places every connection by one refraction, and others by manifold sampling, which the scalar walker does; where lanes do not know, all is left to
@@ -349,6 +354,7 @@ fn see_through_interfaces<S: Simd>(
         r: place.r,
         e: place.e,
         passed: place.passed,
+        others: place.others,
         phase: frame.phase_of_bodies(simd, place.g, place.body),
         fraction: place.fraction,
         lengths: place.lengths,

@@ -142,7 +142,7 @@ record! {
 
 record! {
     /// The place of the next scattering on a line, that waits to be connected through interfaces.
-    Place, PlaceRow, PlaceLanes, Places: 2, 3, 6;
+    Place, PlaceRow, PlaceLanes, Places: 2, 4, 6;
     vectors {
         /// mm from the local origin.
         r,
@@ -155,6 +155,8 @@ record! {
         fraction,
         /// Optical depth of the line, which that does not count.
         passed,
+        /// With which probability connections other than the likeliest are tried.
+        others,
     }
     words {
         /// Random numbers of the estimate: its block, and its place on the ray.
