@@ -38,6 +38,7 @@ fn main() {
         ("M2 with a lesion", 25.0, 4236.0),
         ("M2 with a dome", 25.0, 4236.0),
         ("M2 with a dome, n = 1.4", 25.0, 4236.0),
+        ("M2 with a dome of 1280 facets, n = 1", 25.0, 4236.0),
         ("M2 with a dome of 81,920 facets, n = 1", 25.0, 4236.0),
         ("M2 with a dome of 1280 facets, n = 1.4", 25.0, 4236.0),
         ("M2 with a dome of 81,920 facets, n = 1.4", 25.0, 4236.0),

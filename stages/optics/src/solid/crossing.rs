@@ -298,8 +298,8 @@ impl Solid {
         }
     }
 
-    /// A plane that a surface of facets about runs in near a point: the unit normal outwards, and the height (mm) above the point along that; `None` of
-    /// other surfaces, and where it is far off.
+    /// The plane of the facet about a point that comes nearest to it: its unit normal outwards, and its height (mm) above the point along that; `None` of
+    /// other surfaces, and where no facet is about.
     pub fn facets_near(&self, p: DVec3) -> Option<(DVec3, f64)> {
         match self {
             Self::Mesh(mesh) => mesh.plane_near(p),

@@ -8,6 +8,7 @@
 mod line;
 
 use std::cell::Cell;
+use std::cmp::Ordering;
 use std::sync::{Arc, OnceLock};
 
 use fearless_simd::Simd;
@@ -280,18 +281,19 @@ impl Mesh {
         }
     }
 
-    /// A plane that its surface about runs in near a point: the unit normal outwards, and the height (mm) above the point along that; `None` where the surface
-    /// is far off, or there are no [`cells`](Self::cells).
+    /// The plane of the facet about a point that comes nearest to it: its unit normal outwards, and its height (mm) above the point along that; `None` where no
+    /// facet is about, or there are no [`cells`](Self::cells). It does not depend on the order of the triangles.
     pub fn plane_near(&self, p: DVec3) -> Option<(DVec3, f64)> {
         let q = p - self.center;
-        let (mean, [low, high], faces) = self.cells()?.surface_about(q.as_vec3())?;
         let plane = |face: u32| {
             let normal = self.normals[face as usize];
             (normal, normal.dot(self.corners[face as usize][0] - q))
         };
-        let nearest = faces.map(plane).min_by(|(_, h), (_, other)| h.abs().total_cmp(&other.abs()));
-        let beside = || (mean.as_dvec3().normalize(), f64::from(if low > 0.0 { low } else { high.min(0.0) }));
-        Some(nearest.unwrap_or_else(beside))
+        let order = |(n, h): &(DVec3, f64), (m, other): &(DVec3, f64)| {
+            let by_normal = || n.to_array().into_iter().zip(m.to_array()).map(|(a, b)| a.total_cmp(&b));
+            h.abs().total_cmp(&other.abs()).then_with(|| by_normal().find(|o| o.is_ne()).unwrap_or(Ordering::Equal))
+        };
+        self.cells()?.faces_about(q.as_vec3()).map(plane).min_by(order)
     }
 
     /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.

@@ -13,7 +13,7 @@ use turbid_optics::view::View;
 
 use crate::bsdf::Bsdf;
 use crate::camera::Camera;
-use crate::connect::Draws;
+use crate::connect::{Draws, OTHER_CONNECTIONS};
 use crate::lamp::{Lamp, Source, Steady};
 use crate::level::named;
 use crate::light::Light;

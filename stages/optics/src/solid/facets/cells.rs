@@ -231,17 +231,12 @@ impl Cells {
         (clear - self.slack).max(0.0)
     }
 
-    /// How the surface runs about a point: its mean unit normal, between which heights (mm) above the point along that it is, and the triangles of the cell
-    /// itself; `None` where it is more than a cell away.
-    pub fn surface_about(&self, p: Vec3) -> Option<(Vec3, [f32; 2], impl Iterator<Item = u32> + '_)> {
-        if (p.abs() - self.half).max_element() > MARGIN * self.cell {
-            return None;
-        }
-        let value = self.values[self.index(self.place(self.scaled(p)))];
-        let near = (value & NEAR != 0).then(|| &self.near[(value & !NEAR) as usize])?;
-        let height = near.normal.dot(p);
-        let faces = self.blocks(near.first, near.count).iter().flat_map(Block::faces);
-        Some((near.normal, [near.low - height, near.high - height], faces))
+    /// Triangles of the cell around a point.
+    pub fn faces_about(&self, p: Vec3) -> impl Iterator<Item = u32> + '_ {
+        let within = (p.abs() - self.half).max_element() <= MARGIN * self.cell;
+        let value = if within { self.values[self.index(self.place(self.scaled(p)))] } else { 0 };
+        let near = &self.near[if value & NEAR == 0 { 0 } else { (value & !NEAR) as usize }];
+        self.blocks(near.first, near.count).iter().flat_map(Block::faces)
     }
 
     /// Whether nothing of the surface lies between two points, as far as the cell of the first one knows.
