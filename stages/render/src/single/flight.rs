@@ -44,6 +44,27 @@ pub(super) struct Flight<S: Simd> {
     pub(super) mirrored: V<S>,
 }
 
+/// A flight to where the path is scattered next if it stays in its medium: fields as of a [`Flight`], and where that is.
+struct FreeFlight<S: Simd> {
+    random: [U<S>; 4],
+    tau: F<S>,
+    s: F<S>,
+    r: V<S>,
+    passage: Passage<S>,
+}
+
+impl<S: Simd> FreeFlight<S> {
+    #[inline(always)]
+    fn of(simd: S, frame: &Frame<'_>, start: &PathLanes<S>, (key, high): ([u32; 2], u32)) -> Self {
+        let random = philox(simd, start.number, U::splat(simd, high), start.sample, start.pixel, key);
+        let tau = -ln(unit(random[0]));
+        let s = tau * start.free_path;
+        let r = start.r.plus(s, start.w);
+        let passage = frame.ground.pass(simd, start.body, start.r, start.w, s, r);
+        Self { random, tau, s, r, passage }
+    }
+}
+
 /// Lanes, by bits, after a flight.
 pub(super) struct Outcome {
     /// They meet a boundary: the scalar walker makes the flight from where they stand.
@@ -71,7 +92,13 @@ impl<S: Simd> Packet<'_, S> {
     #[inline(always)]
     pub(super) fn fly(&mut self, branching: bool, responses: &mut [f64]) -> Outcome {
         let (simd, frame) = (self.simd, self.frame);
-        let mut flight = Flight::free(simd, frame, self.path, self.alive, (self.key, self.high));
+        let (start, alive) = (self.path, M::from_bitmask(simd, self.alive));
+        let free = FreeFlight::of(simd, frame, &start, (self.key, self.high));
+        // Most flights stay in their medium: of those far less is to be kept.
+        if !frame.others && frame.ground.meshes.is_empty() && (free.passage.crosses & alive).all_false() {
+            return self.end::<true>(Flight::of(simd, start, alive, free), branching, responses);
+        }
+        let mut flight = Flight::of(simd, start, alive, free);
         flight.pass_meshes(frame);
         if frame.others {
             self.ask(&mut flight);
@@ -91,18 +118,30 @@ impl<S: Simd> Packet<'_, S> {
         {
             flight.turn_at_interfaces(frame, interfaces);
         }
+        self.end::<false>(flight, branching, responses)
+    }
+
+    /// What comes after its end; `WITHIN`: no lane that lives has met a boundary.
+    #[inline(always)]
+    fn end<const WITHIN: bool>(
+        &mut self,
+        mut flight: Flight<S>,
+        branching: bool,
+        responses: &mut [f64],
+    ) -> Outcome {
+        let (simd, frame) = (self.simd, self.frame);
         let fate = flight.fate(frame, branching);
         let [_, b, c, _] = flight.random;
         let phase = frame.phase_of_media(simd, flight.end.g, flight.end.material);
         let own = phase.sample(flight.start.w, unit_short(b), unit_short(c));
-        let own = flight.mirrored.or(flight.turned, own);
+        let own = if WITHIN { own } else { flight.mirrored.or(flight.turned, own) };
         flight.turned &= fate.goes_on;
         self.queue_next_events(&flight, &fate, own, responses);
         let mis_weight = self.queue_light_branches(&flight, &fate, own, branching);
         if (frame.lamps || !frame.next_events) && fate.next_events.any_true() {
             self.set_aside(&flight, &fate, own);
         }
-        self.advance(&flight, &fate, (own, mis_weight), branching);
+        self.advance::<WITHIN>(&flight, &fate, (own, mis_weight), branching);
         Outcome {
             divergent: fate.divergent.to_bitmask(),
             connecting: fate.next_events.to_bitmask(),
@@ -166,10 +205,14 @@ impl<S: Simd> Packet<'_, S> {
 
     /// Paths that go on stand at the end of their flight, all others where they were.
     #[inline(always)]
-    fn advance(&mut self, flight: &Flight<S>, fate: &Fate<S>, (own, mis_weight): (V<S>, F<S>), branching: bool) {
+    fn advance<const WITHIN: bool>(&mut self, flight: &Flight<S>, fate: &Fate<S>, (own, mis_weight): (V<S>, F<S>), branching: bool) {
         let Flight { start, end, .. } = flight;
         let end = PathLanes { w: own, mis_weight, number: start.number + 2, ..*end };
-        self.path = end.or(fate.goes_on, start, self.frame.counts);
+        if WITHIN {
+            self.path.go_on(fate.goes_on, &end, self.frame.counts);
+        } else {
+            self.path = end.or(fate.goes_on, start, self.frame.counts);
+        }
         let divergent = fate.divergent.to_bitmask();
         self.alive = if branching { divergent } else { fate.goes_on.to_bitmask() | divergent };
         if let Some(window) = self.frame.weight_windows.as_ref().filter(|_| !branching) {
@@ -179,25 +222,20 @@ impl<S: Simd> Packet<'_, S> {
 }
 
 impl<S: Simd> Flight<S> {
-    /// To where the path is scattered next if it stays in its medium.
+    /// As far as it is free.
     #[inline(always)]
-    fn free(simd: S, frame: &Frame<'_>, start: PathLanes<S>, alive: u64, (key, high): ([u32; 2], u32)) -> Self {
-        let random = philox(simd, start.number, U::splat(simd, high), start.sample, start.pixel, key);
-        let tau = -ln(unit(random[0]));
-        let s = tau * start.free_path;
-        let r = start.r.plus(s, start.w);
-        let absorbed = start.mu_a * s;
-        let passage = frame.ground.pass(simd, start.body, start.r, start.w, s, r);
+    fn of(simd: S, start: PathLanes<S>, alive: M<S>, free: FreeFlight<S>) -> Self {
+        let FreeFlight { random, tau, s, r, passage } = free;
         let no = M::splat(simd, false);
         Self {
             simd,
-            alive: M::from_bitmask(simd, alive),
+            alive,
             start,
             end: PathLanes { r, known_clear: start.known_clear - s, ..start },
             random,
             tau,
             s,
-            absorbed,
+            absorbed: start.mu_a * s,
             clear_of_others: passage.clear,
             passage,
             stale: no,
@@ -270,7 +308,12 @@ impl<S: Simd> Flight<S> {
         for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS) {
             let first = choose(self.start.material.simd_eq(m as u32), self.first, zero);
             let second = choose(self.end.material.simd_eq(m as u32), self.second, zero);
-            self.end.lengths[place] += first + second;
+            // By numbers that are known when this is compiled: else all of the flight would be kept in memory.
+            for (k, length) in self.end.lengths.iter_mut().enumerate() {
+                if k == place {
+                    *length += first + second;
+                }
+            }
         }
     }
 
@@ -343,6 +386,24 @@ impl<S: Simd> Flight<S> {
 }
 
 impl<S: Simd> PathLanes<S> {
+    /// Those of `mask` become `end`, which is in the same medium.
+    #[inline(always)]
+    fn go_on(&mut self, mask: M<S>, end: &Self, counts: bool) {
+        self.r = end.r.or(mask, self.r);
+        self.w = end.w.or(mask, self.w);
+        self.absorption_depth = choose(mask, end.absorption_depth, self.absorption_depth);
+        self.absorption_lost = choose(mask, end.absorption_lost, self.absorption_lost);
+        self.weight = choose(mask, end.weight, self.weight);
+        self.known_clear = choose(mask, end.known_clear, self.known_clear);
+        self.mis_weight = choose(mask, end.mis_weight, self.mis_weight);
+        self.number = mask.select(end.number, self.number);
+        if counts {
+            for (length, new) in self.lengths.iter_mut().zip(end.lengths) {
+                *length = choose(mask, new, *length);
+            }
+        }
+    }
+
     /// These where `mask` says so, else the others; lengths only where they are kept.
     #[inline(always)]
     fn or(self, mask: M<S>, other: &Self, counts: bool) -> Self {
