@@ -82,7 +82,9 @@ fn main() {
             bodies.insert(0, Body { solid, material: 2 });
         }
         let world = World { bodies, materials: vec![Material::VOID, medium, lesion], textures: Vec::new() };
-        for nee in [Nee::Point, Nee::Line].into_iter().filter(|nee| which.as_ref().is_none_or(|w| format!("{nee:?}") == **w)) {
+        for nee in
+            [Nee::Point, Nee::Line].into_iter().filter(|nee| which.as_ref().is_none_or(|w| format!("{nee:?}") == **w))
+        {
             let setting = Setting {
                 world: &world,
                 camera: &camera,

@@ -37,7 +37,8 @@ pub fn expected(steepness: f64, tau: f64) -> f64 {
 
 /// What an estimate of a vertex in this material has to bring to be made for sure, over what irradiates it, sr^-1.
 pub fn worth(material: &Material) -> f64 {
-    let medium = Medium { mu_a: material.mu_a, mu_s_prime: material.mu_s_prime(), phase: material.phase, n: material.n };
+    let medium =
+        Medium { mu_a: material.mu_a, mu_s_prime: material.mu_s_prime(), phase: material.phase, n: material.n };
     let reflectance = diffusion::reflectance(&medium, None, 0.0).map_or(0.0, |r| r.hemispherical_incident);
     WORTH * reflectance * FRAC_1_PI * material.n * material.n
 }
@@ -92,4 +93,43 @@ pub fn depth(tau: f64, cos: f64, least: f64) -> f64 {
 pub fn inverse_survival(tau: f64, sure: f64) -> f64 {
     let x = (tau * (1.0 / sure)).max(1.0);
     x * x * x * x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against Simpson's rule along the line: up to the plane where it comes to that, else to the end of all light.
+    #[test]
+    fn what_is_expected_is_the_integral_along_the_line() {
+        for tau in [0.0, 1e-3, 0.3, 2.0, 9.0, 300.0] {
+            for steepness in [-3.0, -1.0, 0.0, 0.2, 0.97, 1.0, 1.03, 4.0] {
+                let end = if steepness > 0.0 { f64::min(tau / steepness, 60.0) } else { 60.0 };
+                let light = |s: f64| f64::exp(-s - (tau - s * steepness));
+                let n = 20_000;
+                let weight = |i: usize| if i == 0 || i == n { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+                let step = end / n as f64;
+                let sum: f64 = (0..=n).map(|i| weight(i) * light(i as f64 * step)).sum::<f64>() * step / 3.0;
+                let found = expected(steepness, tau);
+                // Near 1 a line along which nothing falls stands for those along which little does.
+                let slack = if (steepness - 1.0_f64).abs() > FLAT { 1e-6 } else { 1e-6 + FLAT * tau };
+                assert!((found - sum).abs() <= slack * sum + 1e-12, "{steepness}, {tau}: {found}, {sum}");
+            }
+        }
+    }
+
+    /// For sure from what is worth it on; rare below that, whatever is expected.
+    #[test]
+    fn chances_are_probabilities() {
+        for (expected, inverse) in
+            [(2.0, 1.0), (1.0, 1.0), (0.5, 2.0), (1e-9, 16.0), (0.0, 16.0), (f64::INFINITY, 1.0), (f64::NAN, 16.0)]
+        {
+            assert_eq!(inverse_chance(expected, 1.0), inverse, "{expected}");
+        }
+        assert_eq!(inverse_chance(0.0, 0.0), 1.0 / LEAST_CHANCE);
+        for inverse in [1.0, 2.0, 16.0, 1e6] {
+            let others = others(inverse);
+            assert!((OTHER_CONNECTIONS..=1.0).contains(&others), "{inverse}: {others}");
+        }
+    }
 }

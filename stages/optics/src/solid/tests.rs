@@ -238,3 +238,25 @@ fn touching_and_parallel_lines_are_outside() {
     let sphere = Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::ONE };
     assert_eq!(sphere.interval(DVec3::new(-5.0, 1.0, 0.0), DVec3::X), None);
 }
+
+/// From points inside, in any direction, the way out ends on the surface, everything before it is inside, and the normal there points along it; from points
+/// outside there is none.
+#[test]
+fn the_way_out_ends_where_the_solid_does() {
+    let (mut chords, mut ways) = (Vec::new(), 0);
+    for (solid, i) in solids().iter().chain(&hollows()).flat_map(|solid| (0..400).map(move |i| (solid, i))) {
+        let (p, w) = (spread(i), spread(i + 7).normalize());
+        // On the surface a point is on either side.
+        if solid.clearance(p) < 1e-9 {
+            continue;
+        }
+        let found = solid.way_out((p, p), w, &mut chords);
+        assert_eq!(found.is_some(), solid.contains(p), "{solid:?} {p}");
+        let Some((distance, normal)) = found.filter(|(distance, _)| distance.is_finite()) else { continue };
+        ways += 1;
+        assert!(solid.contains(p + (distance * (1.0 - 1e-9)) * w), "{solid:?} {p} {w}");
+        assert!(!solid.contains(p + (distance * (1.0 + 1e-9) + 1e-9) * w), "{solid:?} {p} {w}");
+        assert!(normal.dot(w) > 0.0 && (normal.length() - 1.0).abs() < 1e-12, "{solid:?} {p} {w}: {normal}");
+    }
+    assert!(ways > 400, "{ways}");
+}

@@ -123,12 +123,7 @@ impl<S: Simd> Packet<'_, S> {
 
     /// What comes after its end; `WITHIN`: no lane that lives has met a boundary.
     #[inline(always)]
-    fn end<const WITHIN: bool>(
-        &mut self,
-        mut flight: Flight<S>,
-        branching: bool,
-        responses: &mut [f64],
-    ) -> Outcome {
+    fn end<const WITHIN: bool>(&mut self, mut flight: Flight<S>, branching: bool, responses: &mut [f64]) -> Outcome {
         let (simd, frame) = (self.simd, self.frame);
         let fate = flight.fate(frame, branching);
         let [_, b, c, _] = flight.random;
@@ -205,7 +200,13 @@ impl<S: Simd> Packet<'_, S> {
 
     /// Paths that go on stand at the end of their flight, all others where they were.
     #[inline(always)]
-    fn advance<const WITHIN: bool>(&mut self, flight: &Flight<S>, fate: &Fate<S>, (own, mis_weight): (V<S>, F<S>), branching: bool) {
+    fn advance<const WITHIN: bool>(
+        &mut self,
+        flight: &Flight<S>,
+        fate: &Fate<S>,
+        (own, mis_weight): (V<S>, F<S>),
+        branching: bool,
+    ) {
         let Flight { start, end, .. } = flight;
         let end = PathLanes { w: own, mis_weight, number: start.number + 2, ..*end };
         if WITHIN {

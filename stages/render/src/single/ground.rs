@@ -61,6 +61,9 @@ pub struct Part {
 /// Boundaries that a flight may cross in lanes.
 const MOST_INTERFACES: usize = 4;
 
+/// More than rounding moves places by, of their coordinates.
+const NEARLY: f32 = 4e-6;
+
 /// What a flight within a body meets.
 pub struct Passage<S: Simd> {
     /// It leaves its body, or meets one of higher priority.
@@ -157,7 +160,9 @@ impl Ground {
                     let (r, w, end) = (self.own(j, r), self.own(j, w), self.own(j, end));
                     let j = j as u32;
                     let (own, above) = (body.simd_eq(j), body.simd_gt(j));
-                    // How deep inside the end lies, at least; negative outside.
+                    // How deep inside the end lies, at least; negative outside. A flight does not come to what is farther from its end than its start.
+                    let (flight, comes) =
+                        ((r, w, s), |depth: F<S>| above & (depth + s * 1.001).simd_ge(end.size() * -NEARLY));
                     let (depth, meets) = match *shape {
                         Shape::Slab { bottom, top } => {
                             let over = r.z.simd_ge(top);
@@ -168,18 +173,19 @@ impl Ground {
                         }
                         Shape::Box { low, high } => {
                             let (a, b) = (end.from(low), end.from(high));
-                            let x = a.x.min(-b.x);
-                            (x.min(a.y.min(-b.y)).min(a.z.min(-b.z)), self.meets(simd, *shape, above, r, w, s))
+                            let depth = a.x.min(-b.x).min(a.y.min(-b.y)).min(a.z.min(-b.z));
+                            (depth, self.meets(simd, *shape, comes(depth), flight))
                         }
                         Shape::Ellipsoid { center, inverse_radii, least } => {
                             let q = end.from(center).scaled(inverse_radii);
-                            ((1.0 - q.dot(q).sqrt()) * least, self.meets(simd, *shape, above, r, w, s))
+                            let depth = (1.0 - q.dot(q).sqrt()) * least;
+                            (depth, self.meets(simd, *shape, comes(depth), flight))
                         }
                         Shape::Cylinder { axis, radius, bottom, top } => {
                             let (x, y) = (end.x - axis[0], end.y - axis[1]);
                             let side = radius - (x * x + y * y).sqrt();
                             let depth = side.min((top - end.z).min(end.z - bottom));
-                            (depth, self.meets(simd, *shape, above, r, w, s))
+                            (depth, self.meets(simd, *shape, comes(depth), flight))
                         }
                         Shape::Mesh | Shape::Other => unreachable!("passed over"),
                     };
@@ -193,7 +199,7 @@ impl Ground {
 
     /// Whether a flight that starts outside comes to a body, in whose axes it is given; a start that rounding put inside counts.
     #[inline(always)]
-    fn meets<S: Simd>(&self, simd: S, shape: Shape, asked: M<S>, r: V<S>, w: V<S>, s: F<S>) -> M<S> {
+    fn meets<S: Simd>(&self, simd: S, shape: Shape, asked: M<S>, (r, w, s): (V<S>, V<S>, F<S>)) -> M<S> {
         if asked.all_false() {
             return asked;
         }

@@ -58,8 +58,7 @@ fn checks() -> ProjectedImages {
 }
 
 /// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and projected images beside it. Where the
-/// light comes in through another wall than the camera's ray, the first estimate of lanes lies elsewhere on its line; connections through curved walls are
-/// found elsewhere first. Paths with weight windows are many. Elsewhere only rounding turns decisions: each by some 1e-7 of what it compares, ten for each of up to 90 flights, so less than one
+/// light comes in through another wall than the camera's ray, the first estimate of lanes lies elsewhere on its line. Paths with weight windows are many. Elsewhere only rounding turns decisions: each by some 1e-7 of what it compares, ten for each of up to 90 flights, so less than one
 /// path. Another choice of random numbers gives other counts: those here hold within 5 of their standard errors and 4.
 const OTHERS: [(&str, [u32; 2]); 30] = [
     ("tissue with a row of balls, two of them hollowed by another", [117, 117]),
@@ -81,11 +80,11 @@ const OTHERS: [(&str, [u32; 2]); 30] = [
     ("tube with a ball in its bore", [325, 325]),
     ("tube", [279, 279]),
     ("long tube", [556, 556]),
-    ("wet dome on a wet slab, a wet ball in the air", [223, 76]),
-    ("wet egg", [230, 0]),
-    ("wet egg on a white floor", [128, 0]),
-    ("wet post in a wet slab", [235, 47]),
-    ("wet block on a wet slab", [182, 1]),
+    ("wet dome on a wet slab, a wet ball in the air", [2, 2]),
+    ("wet egg", [4, 2]),
+    ("wet egg on a white floor", [1, 1]),
+    ("wet post in a wet slab", [26, 26]),
+    ("wet block on a wet slab", [1, 1]),
     ("sharp slab", [2, 2]),
     ("wet sharp slab", [2, 2]),
     ("pale sharp slab", [5, 5]),
@@ -127,6 +126,7 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
         let flights = alone.take_flights();
         let [bare, beside] = OTHERS.iter().find(|(of, _)| *of == name).map_or([0; 2], |(_, others)| *others);
         let expected = if steady.shines() { beside } else { bare };
+        println!("{name}: {turned} of {path} paths are others, expected {expected}");
         let most = f64::from(expected) + 5.0 * f64::from(expected).sqrt() + 4.0;
         assert!(f64::from(turned) <= most, "{name}: {turned} of {path} paths are others, expected {expected}");
         let (a, b) = (flights as f64, lanes.take_flights() as f64);

@@ -128,3 +128,20 @@ fn no_triangle_on_a_line_is_left_out() {
         assert!(seen > 500, "{name}: {seen}");
     }
 }
+
+/// Just below the middle of every facet, and just above it, the plane near is that facet's; in the middle of the mesh there is none.
+#[test]
+fn the_plane_near_a_facet_is_its_own() {
+    let (vertices, triangles) = shapes::icosphere(1.0, DVec3::new(0.1, -0.2, 0.3), 3);
+    let mesh = Mesh::new(&vertices, &triangles);
+    for face in 0..triangles.len() {
+        let ([a, b, c], normal) = (mesh.corners[face], mesh.normals[face]);
+        let middle = mesh.center + (a + b + c) / 3.0;
+        for height in [1e-4, -1e-4] {
+            let (found, above) = mesh.plane_near(middle - height * normal).expect("a facet is about");
+            assert!((found - normal).length() < 1e-12 && (above - height).abs() < 1e-12, "{face}: {found}, {above}");
+        }
+    }
+    assert_eq!(mesh.plane_near(mesh.center), None);
+    assert_eq!(mesh.plane_near(mesh.center + DVec3::splat(1e3)), None);
+}
