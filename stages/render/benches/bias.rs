@@ -1,5 +1,5 @@
 //! The bias of the line estimator, in lanes, against point next-event estimation, scene by scene and over all of them:
-//! `cargo bench -p turbid-render --bench bias [-- paths per pixel, 50000]`; about an hour of CPU time by default.
+//! `cargo bench -p turbid-render --bench bias [-- paths per pixel, 50000] [part of a scene's name]`; about an hour of CPU time by default.
 //!
 //! Both are means of independent paths over the same image. With so many 4 pooled standard errors are below 0.3 %, the bound on the bias: a larger bias ends the
 //! program with an error, and so does one of more than 4 standard errors, and stated errors that are not those by which images and pixels scatter.
@@ -25,7 +25,9 @@ const MOST_OF_SCATTER: f64 = 0.1;
 
 fn main() {
     // Cargo adds an argument of its own.
-    let paths = std::env::args().skip(1).find_map(|n| n.parse().ok()).unwrap_or(50_000);
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    let paths = arguments.iter().find_map(|n| n.parse().ok()).unwrap_or(50_000);
+    let part = arguments.iter().find(|a| a.parse::<u32>().is_err()).map_or("", |part| part);
     // Whole rounds of `difference`.
     let paths = (paths / 100_u32).max(1) * 100;
     let mut pool = Pool::default();
@@ -39,7 +41,7 @@ fn main() {
         odd_worlds::mesh_scenes(),
         odd_worlds::hollow_scenes(),
     ];
-    for (name, world) in all.into_iter().flatten() {
+    for (name, world) in all.into_iter().flatten().filter(|(name, _)| name.contains(part)) {
         // In series of their own: what is pooled is independent.
         for (series, lit, steady) in [(0, "projector", Steady::NONE), (1, "and lamps", lamps())] {
             let found = difference(&steady, name, &world, paths, series);

@@ -1,7 +1,7 @@
 //! What sharing paths saves: `cargo run --release -p turbid-render --example channels [paths per pixel]`.
 //!
-//! Three channels that differ in absorption, by one walk and by one each: CPU seconds, and the variance per path of M_DC and M_AC over mean^2
-//! (relative variance). The gain at equal error is (sum of seconds x relative variance apart) / (seconds together x the largest relative variance): what three images of the same error cost. Camera 500 mm
+//! Channels that differ in absorption, by one walk and by one each: CPU seconds, and the variance per path of M_DC and M_AC over mean^2
+//! (relative variance). The gain at equal error is (sum of seconds x relative variance apart) / (seconds together x the largest relative variance): what images of the same error cost. Camera 500 mm
 //! straight above, projector at (35, 0, 500), f_x = 0.1, 64 x 64 pixels, g = 0.8, n = 1, one core.
 
 use glam::{DVec2, DVec3};
@@ -18,25 +18,33 @@ use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
+/// Channels that lanes hold.
+const MOST: usize = 16;
+
 fn main() {
     let paths: u32 = std::env::args().nth(1).map_or(32, |n| n.parse().expect("a number of paths"));
     let view = |position: [f64; 3], field: f64| {
         View::new(position.into(), DVec3::ZERO, DVec3::Y, DVec2::splat(field)).expect("not along y")
     };
     let camera = Camera { view: view([0.0, 0.0, 500.0], 64.0), columns: 64, rows: 64 };
-    let lights = vec![Light::new(view([35.0, 0.0, 500.0], 256.0), 5.0, false); 3];
-    let steady = vec![Steady::NONE; 3];
+    let lights = vec![Light::new(view([35.0, 0.0, 500.0], 256.0), 5.0, false); MOST];
+    let steady = vec![Steady::NONE; MOST];
     let carriers = [Carrier::new(0.1, 0.0)];
     let slab = || Body { solid: Solid::Slab { bottom: -2000.0, top: 0.0 }, material: 1 };
     let ball = || Body { solid: Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(20.0) }, material: 2 };
-    // mu_s, mu_a of the slab in three channels, of the dome where there is one.
-    let scenes = [
-        ("half-space, mu_a .01 .025 .06", 4.236, [0.01, 0.025, 0.06], None),
-        ("half-space, mu_a .025 .1 .4", 4.236, [0.025, 0.1, 0.4], None),
-        ("half-space, mu_a .001 .01 .1", 20.0, [0.001, 0.01, 0.1], None),
-        ("dome, mu_a .025 .05 .1 and .1 .05 .2", 4.236, [0.025, 0.05, 0.1], Some([0.1, 0.05, 0.2])),
+    // mu_s, mu_a of the slab in all channels, of the dome where there is one.
+    let mut scenes = vec![
+        ("half-space, mu_a .01 .025 .06".to_owned(), 4.236, vec![0.01, 0.025, 0.06], None),
+        ("half-space, mu_a .025 .1 .4".to_owned(), 4.236, vec![0.025, 0.1, 0.4], None),
+        ("half-space, mu_a .001 .01 .1".to_owned(), 20.0, vec![0.001, 0.01, 0.1], None),
+        ("dome, mu_a .025 .05 .1 and .1 .05 .2".to_owned(), 4.236, vec![0.025, 0.05, 0.1], Some([0.1, 0.05, 0.2])),
     ];
+    for count in [2, 4, 8, MOST] {
+        let mu_a = (0..count).map(|i| 0.02 * 4.0_f64.powf(i as f64 / (count - 1) as f64)).collect();
+        scenes.push((format!("half-space, {count} of mu_a .02 to .08"), 4.236, mu_a, None));
+    }
     for (name, mu_s, slab_mu_a, dome_mu_a) in scenes {
+        let count = slab_mu_a.len();
         let world = |c: usize| {
             let medium = |mu_a| Material::medium(mu_a, mu_s, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0);
             let mut materials = vec![Material::VOID, medium(slab_mu_a[c])];
@@ -44,8 +52,8 @@ fn main() {
             let bodies = if dome_mu_a.is_some() { vec![ball(), slab()] } else { vec![slab()] };
             World { bodies, materials, textures: Vec::new() }
         };
-        let worlds = [0, 1, 2].map(world);
-        let all = Channels { worlds: &worlds, lights: &lights, steady: &steady };
+        let worlds: Vec<World> = (0..count).map(world).collect();
+        let all = Channels { worlds: &worlds, lights: &lights[..count], steady: &steady[..count] };
         let run = |group: &Group| {
             let setting = Setting {
                 world: &group.world,
@@ -77,8 +85,8 @@ fn main() {
                 moments.iter().map(|m| relative_variance(m, &camera, &carriers[0], paths)).collect::<Vec<_>>();
             (cpu_seconds() - began, relative_variance, walker.take_flights() as f64)
         };
-        let (together, shared, flights) = run(&Group::of(all, vec![0, 1, 2]));
-        let apart: Vec<_> = [0, 1, 2].map(|c| run(&Group::of(all, vec![c]))).into_iter().collect();
+        let (together, shared, flights) = run(&Group::of(all, (0..count).collect()));
+        let apart: Vec<_> = (0..count).map(|c| run(&Group::of(all, vec![c]))).collect();
         let (seconds, flown) = apart.iter().fold((0.0, 0.0), |sum, a| (sum.0 + a.0, sum.1 + a.2));
         println!(
             "{name}: together {together:.2} s at {:.0} M flights/s, apart {seconds:.2} s at {:.0}",

@@ -88,13 +88,13 @@ struct Fate<S: Simd> {
 }
 
 impl<S: Simd> Packet<'_, S> {
-    /// One flight of every lane that lives.
+    /// A flight of every lane that lives.
     #[inline(always)]
     pub(super) fn fly(&mut self, branching: bool, responses: &mut [f64]) -> Outcome {
         let (simd, frame) = (self.simd, self.frame);
         let (start, alive) = (self.path, M::from_bitmask(simd, self.alive));
         let free = FreeFlight::of(simd, frame, &start, (self.key, self.high));
-        // Most flights stay in their medium: of those far less is to be kept.
+        // Most flights stay in their medium: of those far less has to be kept.
         if !frame.others && frame.ground.meshes.is_empty() && (free.passage.crosses & alive).all_false() {
             return self.end::<true>(Flight::of(simd, start, alive, free), branching, responses);
         }
