@@ -12,7 +12,9 @@ use glam::DVec3;
 fn main() {
     let photons: u32 = std::env::args().nth(1).map_or(200_000, |n| n.parse().expect("a number of photons"));
     let changes = [0.0, 0.01, 0.03, 0.1, 0.3, -0.03, -0.1];
-    println!("mu_a, mu_s; scatterings of what comes back; photons for the same error, times, at mu_s (1 + d), d = {changes:?}");
+    println!(
+        "mu_a, mu_s; scatterings of what comes back; photons for the same error, times, at mu_s (1 + d), d = {changes:?}"
+    );
     for (mu_a, mu_s) in [(0.1, 5.0), (0.025, 4.236), (0.001, 20.0)] {
         let returned = |mu_s: f64, key: u32| -> Vec<(f64, f64)> {
             (0..photons).filter_map(|photon| walk(mu_a, mu_s, photon, key)).collect()
@@ -25,7 +27,8 @@ fn main() {
             .map(|d| {
                 let shared = walked.iter().map(|(n, l)| libm::exp(n * libm::log1p(*d) - (d * mu_s + mu_a) * l));
                 let own = returned(mu_s * (1.0 + d), 2);
-                let [shared, own] = [spread(shared, photons), spread(own.iter().map(|(_, l)| libm::exp(-mu_a * l)), photons)];
+                let [shared, own] =
+                    [spread(shared, photons), spread(own.iter().map(|(_, l)| libm::exp(-mu_a * l)), photons)];
                 format!("{:.2} (R {:.4}, {:.4})", shared.1 / own.1, shared.0, own.0)
             })
             .collect();

@@ -94,8 +94,8 @@ impl<S: Simd> Packet<'_, S> {
         let (simd, frame) = (self.simd, self.frame);
         let (start, alive) = (self.path, M::from_bitmask(simd, self.alive));
         let free = FreeFlight::of(simd, frame, &start, (self.key, self.high));
-        // Most flights stay in their medium: of those far less has to be kept.
-        if !frame.others && frame.ground.meshes.is_empty() && (free.passage.crosses & alive).all_false() {
+        // Most flights stay in their medium: far less of those has to be kept.
+        if frame.plain && (free.passage.crosses & alive).all_false() {
             return self.end::<true>(Flight::of(simd, start, alive, free), branching, responses);
         }
         let mut flight = Flight::of(simd, start, alive, free);
@@ -121,19 +121,19 @@ impl<S: Simd> Packet<'_, S> {
         self.end::<false>(flight, branching, responses)
     }
 
-    /// What comes after its end; `WITHIN`: no lane that lives has met a boundary.
+    /// What comes after its end; `WITHIN`: no lane that lives has met a boundary, and the frame is plain.
     #[inline(always)]
     fn end<const WITHIN: bool>(&mut self, mut flight: Flight<S>, branching: bool, responses: &mut [f64]) -> Outcome {
         let (simd, frame) = (self.simd, self.frame);
-        let fate = flight.fate(frame, branching);
+        let fate = flight.fate::<WITHIN>(frame, branching);
         let [_, b, c, _] = flight.random;
         let phase = frame.phase_of_media(simd, flight.end.g, flight.end.material);
         let own = phase.sample(flight.start.w, unit_short(b), unit_short(c));
         let own = if WITHIN { own } else { flight.mirrored.or(flight.turned, own) };
         flight.turned &= fate.goes_on;
-        self.queue_next_events(&flight, &fate, own, responses);
+        self.queue_next_events::<WITHIN>(&flight, &fate, own, responses);
         let mis_weight = self.queue_light_branches(&flight, &fate, own, branching);
-        if (frame.lamps || !frame.next_events) && fate.next_events.any_true() {
+        if !WITHIN && (frame.lamps || !frame.next_events) && fate.next_events.any_true() {
             self.set_aside(&flight, &fate, own);
         }
         self.advance::<WITHIN>(&flight, &fate, (own, mis_weight), branching);
@@ -156,10 +156,16 @@ impl<S: Simd> Packet<'_, S> {
 
     /// Reflected paths are estimated along their flight to come, scattered ones from where they are.
     #[inline(always)]
-    fn queue_next_events(&mut self, flight: &Flight<S>, fate: &Fate<S>, own: V<S>, responses: &mut [f64]) {
+    fn queue_next_events<const WITHIN: bool>(
+        &mut self,
+        flight: &Flight<S>,
+        fate: &Fate<S>,
+        own: V<S>,
+        responses: &mut [f64],
+    ) {
         let (simd, frame) = (self.simd, self.frame);
         let (Flight { start, end, turned, .. }, zero) = (flight, splat(simd, 0.0));
-        if !frame.blind && turned.any_true() {
+        if !WITHIN && !frame.blind && turned.any_true() {
             let vertex = VertexLanes { came: own, weight: start.weight, ..flight.vertex(own, zero, zero) };
             self.next_events.vertices.pack(*turned, &VertexLanes { number: vertex.number | TURNED, ..vertex });
             estimate_while(simd, &mut self.next_events, LANES, frame, self.key, self.high, responses);
@@ -210,13 +216,13 @@ impl<S: Simd> Packet<'_, S> {
         let Flight { start, end, .. } = flight;
         let end = PathLanes { w: own, mis_weight, number: start.number + 2, ..*end };
         if WITHIN {
-            self.path.go_on(fate.goes_on, &end, self.frame.counts);
+            self.path.go_on(fate.goes_on, &end);
         } else {
             self.path = end.or(fate.goes_on, start, self.frame.counts);
         }
         let divergent = fate.divergent.to_bitmask();
         self.alive = if branching { divergent } else { fate.goes_on.to_bitmask() | divergent };
-        if let Some(window) = self.frame.weight_windows.as_ref().filter(|_| !branching) {
+        if let Some(window) = self.frame.weight_windows.as_ref().filter(|_| !WITHIN && !branching) {
             self.keep_in_windows(fate.goes_on & !flight.turned, start.w, flight.passage.clear, window);
         }
     }
@@ -280,12 +286,12 @@ impl<S: Simd> Flight<S> {
 
     /// Absorption, roulette, and who goes on.
     #[inline(always)]
-    fn fate(&mut self, frame: &Frame<'_>, branching: bool) -> Fate<S> {
+    fn fate<const WITHIN: bool>(&mut self, frame: &Frame<'_>, branching: bool) -> Fate<S> {
         let (simd, start, alive) = (self.simd, &self.start, self.alive);
         let flight = if branching { start.number & (LIGHT_BRANCH - 1) } else { start.number };
         let far = self.end.r.dot(self.end.r).simd_gt(frame.range_squared) | flight.simd_ge(LATE);
         self.turned &= !far;
-        if frame.counts {
+        if !WITHIN && frame.counts {
             self.count(frame);
         }
         let dies = self.absorb();
@@ -296,7 +302,7 @@ impl<S: Simd> Flight<S> {
         if frame.windows && !branching && frame.weight_windows.is_none() {
             gone |= self.end_deep() & !crosses;
         }
-        let (roulette, least, near) = self.near(frame, alive & !crosses & !dies);
+        let (roulette, least, near) = self.near::<WITHIN>(frame, alive & !crosses & !dies);
         let goes_on = alive & !crosses & !gone;
         let next_events = if frame.blind { M::splat(simd, false) } else { near & goes_on & !self.turned };
         Fate { divergent, goes_on, out, next_events, roulette, least }
@@ -344,12 +350,12 @@ impl<S: Simd> Flight<S> {
 
     /// Who is near enough to a surface, by roulette, for next-event estimation: its random number, the least optical distance of a surface, and whether.
     #[inline(always)]
-    fn near(&mut self, frame: &Frame<'_>, scattered: M<S>) -> (F<S>, F<S>, M<S>) {
+    fn near<const WITHIN: bool>(&mut self, frame: &Frame<'_>, scattered: M<S>) -> (F<S>, F<S>, M<S>) {
         let simd = self.simd;
         let mu_t = self.end.mu_a + self.end.mu_s;
         let (roulette, mut least) = (self.uniform(), mu_t * self.passage.clear);
         let mut near = (roulette * inverse_survival(simd, least, frame.tau_sure)).simd_lt(1.0);
-        if !frame.ground.meshes.is_empty() {
+        if !WITHIN && !frame.ground.meshes.is_empty() {
             // An estimate costs more than to ask how far the surface really is.
             let asks = near & self.stale & scattered;
             if asks.any_true() {
@@ -387,9 +393,9 @@ impl<S: Simd> Flight<S> {
 }
 
 impl<S: Simd> PathLanes<S> {
-    /// Those of `mask` become `end`, which is in the same medium.
+    /// Those of `mask` become `end`, which is in the same medium; lengths are not counted.
     #[inline(always)]
-    fn go_on(&mut self, mask: M<S>, end: &Self, counts: bool) {
+    fn go_on(&mut self, mask: M<S>, end: &Self) {
         self.r = end.r.or(mask, self.r);
         self.w = end.w.or(mask, self.w);
         self.absorption_depth = choose(mask, end.absorption_depth, self.absorption_depth);
@@ -398,11 +404,6 @@ impl<S: Simd> PathLanes<S> {
         self.known_clear = choose(mask, end.known_clear, self.known_clear);
         self.mis_weight = choose(mask, end.mis_weight, self.mis_weight);
         self.number = mask.select(end.number, self.number);
-        if counts {
-            for (length, new) in self.lengths.iter_mut().zip(end.lengths) {
-                *length = choose(mask, new, *length);
-            }
-        }
     }
 
     /// These where `mask` says so, else the others; lengths only where they are kept.

@@ -59,6 +59,9 @@ pub struct Frame<'a> {
     pub next_events: bool,
     /// Whether bodies share a medium: where they touch they are one.
     pub repeated: bool,
+    /// Whether flights that stay in their medium are plain: no meshes, no surfaces that lanes do not know, no lamps that are connected one by one, no
+    /// weight windows, no lengths to count.
+    pub plain: bool,
     /// Whether there is nothing to connect to: no light but from infinity.
     pub blind: bool,
     /// Whether there are lamps that are connected one by one.

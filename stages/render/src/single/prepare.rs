@@ -91,6 +91,7 @@ impl<'a> Frame<'a> {
             dark: ((straight && !others) || turns) && s.steady.ambient == 0.0,
             turns,
             first: if bends { 4 } else { 2 },
+            plain: !by_distance && !singly && next_events && s.shared.is_none() && walker.peaked_index.is_none(),
             plane,
             interfaces,
             tau_sure: walker.tau_sure as f32,
