@@ -5,7 +5,6 @@ use std::f64::consts::FRAC_1_PI;
 use turbid_optics::elementary::{exp, ln};
 use turbid_optics::{Medium, diffusion};
 
-use crate::connect::OTHER_CONNECTIONS;
 use crate::world::Material;
 
 /// A vertex is connected with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from the light; estimating ahead, from the plane of
@@ -17,6 +16,8 @@ pub const TAU_SURE_WHERE_DEAR: f64 = 2.0;
 const WORTH: f64 = 0.3;
 /// ... and no less than this: what is expected takes interfaces for flat, and knows of one refraction only.
 pub const LEAST_CHANCE: f64 = 1.0 / 16.0;
+/// Connections other than the likeliest are tried with this probability: they carry a few per cent of the light.
+pub(crate) const OTHER_CONNECTIONS: f64 = 0.125;
 /// A density that falls by less than this along a line is taken as even, before its `mass` loses digits.
 pub const FLAT: f64 = 0.02;
 /// Optical depth at which nothing is left; [`exp`] needs a bound.

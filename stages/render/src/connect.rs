@@ -64,8 +64,6 @@ impl Draws<'_> {
     }
 }
 
-/// Connections other than the straight one are tried with this probability: they carry a few per cent of the light.
-pub(crate) const OTHER_CONNECTIONS: f64 = 0.125;
 impl Walker<'_> {
     /// What a shadow ray meets from r along `towards`.
     pub(crate) fn visibility(

@@ -6,9 +6,9 @@ use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
-use crate::ahead::{self, ahead, depth, expected, inverse_chance, others};
+use crate::ahead::{self, OTHER_CONNECTIONS, ahead, depth, expected, inverse_chance, others};
 use crate::caustic::Best;
-use crate::connect::{Draws, Heading, OTHER_CONNECTIONS};
+use crate::connect::{Draws, Heading};
 use crate::lamp::Source;
 use crate::lengths::{Lengths, count, sum};
 use crate::random::{NeeSite, Stream};

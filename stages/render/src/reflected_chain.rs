@@ -3,7 +3,8 @@
 use glam::DVec3;
 use turbid_optics::refraction::Crossing;
 
-use crate::connect::{Draws, OTHER_CONNECTIONS, Target};
+use crate::ahead::OTHER_CONNECTIONS;
+use crate::connect::{Draws, Target};
 use crate::connection::{Connection, SpecularChain};
 use crate::lamp::Source;
 use crate::random::Dice;

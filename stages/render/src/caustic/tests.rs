@@ -11,9 +11,10 @@ use turbid_optics::refraction::refract;
 use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::View;
 
+use crate::ahead::OTHER_CONNECTIONS;
 use crate::bsdf::Bsdf;
 use crate::camera::Camera;
-use crate::connect::{Draws, OTHER_CONNECTIONS};
+use crate::connect::Draws;
 use crate::lamp::{Lamp, Source, Steady};
 use crate::level::named;
 use crate::light::Light;

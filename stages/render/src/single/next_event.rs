@@ -14,8 +14,7 @@ use super::phase_function::Phase;
 use super::rows::{Counts, PlaceLanes, Places, VertexLanes, Vertices};
 use super::source::{Arrival, Source, whether_projected};
 use super::visibility::{Met, Visibility, add_along, add_in_own, find_chords, first_segment, steepness, visibility};
-use crate::ahead::{FLAT, LEAST_CHANCE};
-use crate::connect::OTHER_CONNECTIONS;
+use crate::ahead::{FLAT, LEAST_CHANCE, OTHER_CONNECTIONS};
 use crate::lengths::MOST_LENGTHS;
 
 /// Of a density e^-x what lies behind this x is nothing to f32.
