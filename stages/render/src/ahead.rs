@@ -24,7 +24,7 @@ pub const FLAT: f64 = 0.02;
 const DARK: f64 = 700.0;
 
 /// What light of irradiance 1 does along a line below a plane, the optical depth `tau` away, through which it comes: the integral of mu_t exp(-mu_t s) times
-/// what is left of it at s; `steepness` as above.
+/// what is left of it at s; `steepness` as of [`ahead`].
 #[inline]
 pub fn expected(steepness: f64, tau: f64) -> f64 {
     let fall = 1.0 - steepness;
@@ -52,8 +52,8 @@ pub fn inverse_chance(expected: f64, worth: f64) -> f64 {
     if inverse < 1.0 / LEAST_CHANCE { inverse.max(1.0) } else { 1.0 / LEAST_CHANCE }
 }
 
-/// With which probability connections other than the likeliest are tried, where the point is connected with this chance: what is expected is not of them, so
-/// that is not to make those that are found as rare and as bright as it makes the likeliest.
+/// With which probability connections other than the likeliest are tried at a point that is connected at all with a probability of one over `inverse_chance`. That
+/// probability follows the likeliest connection; the others are tried more often there, so that they become less rare, and less bright when they are found.
 #[inline]
 pub fn others(inverse_chance: f64) -> f64 {
     (OTHER_CONNECTIONS * inverse_chance.sqrt()).min(1.0)

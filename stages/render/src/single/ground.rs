@@ -160,7 +160,7 @@ impl Ground {
                     let (r, w, end) = (self.own(j, r), self.own(j, w), self.own(j, end));
                     let j = j as u32;
                     let (own, above) = (body.simd_eq(j), body.simd_gt(j));
-                    // How deep inside the end lies, at least; negative outside. A flight does not come to what is farther from its end than its start.
+                    // How deep inside the end lies, at least; negative outside. What is farther from the end of a flight than its start is not met by it.
                     let (flight, comes) =
                         ((r, w, s), |depth: F<S>| above & (depth + s * 1.001).simd_ge(end.size() * -NEARLY));
                     let (depth, meets) = match *shape {

@@ -156,7 +156,7 @@ impl Interfaces {
         }
     }
 
-    /// Towards the light as the interface of each lane's own body bends it; see `Walker::heading_past_one`.
+    /// Towards the light as the interface of each lane's own body bends it; see `Walker::heading_past_interfaces`.
     #[inline(never)]
     pub fn heading<S: Simd>(&self, simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>) -> Heading<S> {
         simd.vectorize(

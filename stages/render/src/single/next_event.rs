@@ -48,19 +48,20 @@ pub fn estimate_while<S: Simd>(
     responses: &mut [f64],
 ) {
     while next_events.vertices.len() >= many {
-        estimate_once(simd, next_events, frame, key, high, responses);
+        do_once::<S, false>(simd, next_events, frame, key, high, responses);
         while next_events.places.len() >= LANES {
-            connect_once(simd, next_events, frame, key, high, responses);
+            do_once::<S, true>(simd, next_events, frame, key, high, responses);
         }
     }
     while next_events.places.len() >= many {
-        connect_once(simd, next_events, frame, key, high, responses);
+        do_once::<S, true>(simd, next_events, frame, key, high, responses);
     }
 }
 
-/// Compiled once for all callers, each of which would be as large as all the rest of a flight.
+/// Estimates from the first 16 vertices, or connects the first 16 places through interfaces (`PLACES`); those are then removed. Each is compiled once for all callers, each
+/// of which would be as large as all the rest of a flight.
 #[inline(never)]
-fn estimate_once<S: Simd>(
+fn do_once<S: Simd, const PLACES: bool>(
     simd: S,
     next_events: &mut NextEvents,
     frame: &Frame<'_>,
@@ -71,27 +72,13 @@ fn estimate_once<S: Simd>(
     simd.vectorize(
         #[inline(always)]
         || {
-            estimate(simd, next_events, frame, key, high, responses);
-            next_events.vertices.drop_first(simd);
-        },
-    );
-}
-
-/// The same of places that are connected through interfaces.
-#[inline(never)]
-fn connect_once<S: Simd>(
-    simd: S,
-    next_events: &mut NextEvents,
-    frame: &Frame<'_>,
-    key: [u32; 2],
-    high: u32,
-    responses: &mut [f64],
-) {
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            see_through_interfaces(simd, next_events, frame, key, high, responses);
-            next_events.places.drop_first(simd);
+            if PLACES {
+                see_through_interfaces(simd, next_events, frame, key, high, responses);
+                next_events.places.drop_first(simd);
+            } else {
+                estimate(simd, next_events, frame, key, high, responses);
+                next_events.vertices.drop_first(simd);
+            }
         },
     );
 }
