@@ -45,6 +45,7 @@ pub(super) struct Flight<S: Simd> {
 }
 
 /// A flight to where the path is scattered next if it stays in its medium: fields as of a [`Flight`], and where that is.
+#[derive(Clone, Copy)]
 struct FreeFlight<S: Simd> {
     random: [U<S>; 4],
     tau: F<S>,
@@ -67,6 +68,8 @@ impl<S: Simd> FreeFlight<S> {
 
 /// Lanes, by bits, after a flight.
 pub(super) struct Outcome {
+    /// How many flights were made.
+    pub flights: usize,
     /// They meet a boundary: the scalar walker makes the flight from where they stand.
     pub divergent: u64,
     /// They have a next event that lanes may not know how to estimate.
@@ -88,16 +91,35 @@ struct Fate<S: Simd> {
 }
 
 impl<S: Simd> Packet<'_, S> {
-    /// A flight of every lane that lives.
+    /// A flight of every lane that lives; in plain frames all up to the first one that does not stay in its medium, ends, or fills the queue of next events.
     #[inline(always)]
     pub(super) fn fly(&mut self, branching: bool, responses: &mut [f64]) -> Outcome {
         let (simd, frame) = (self.simd, self.frame);
-        let (start, alive) = (self.path, M::from_bitmask(simd, self.alive));
-        let free = FreeFlight::of(simd, frame, &start, (self.key, self.high));
-        // Most flights stay in their medium: far less of those has to be kept.
-        if frame.plain && (free.passage.crosses & alive).all_false() {
-            return self.end::<true>(Flight::of(simd, start, alive, free), branching, responses);
-        }
+        let (mut start, alive) = (self.path, M::from_bitmask(simd, self.alive));
+        let mut flights = 0;
+        let free = loop {
+            let free = FreeFlight::of(simd, frame, &start, (self.key, self.high));
+            if !frame.plain || (free.passage.crosses & alive).any_true() {
+                break free;
+            }
+            let mut flight = Flight::of(simd, start, alive, free);
+            let fate = flight.fate::<true>(frame, branching);
+            if fate.divergent.any_true() {
+                break free;
+            }
+            flights += self.alive.count_ones() as usize;
+            let own = flight.scattered(frame);
+            self.queue_next_events::<true>(&flight, &fate, own, responses);
+            start.go_on(fate.goes_on, &PathLanes { w: own, number: start.number + 2, ..flight.end });
+            let goes_on = fate.goes_on.to_bitmask();
+            if goes_on != self.alive || self.next_events.vertices.len() >= LANES {
+                self.alive = goes_on;
+                self.path.moved(&start);
+                return Outcome { flights, divergent: 0, connecting: 0, out: 0 };
+            }
+        };
+        self.path.moved(&start);
+        flights += self.alive.count_ones() as usize;
         let mut flight = Flight::of(simd, start, alive, free);
         flight.pass_meshes(frame);
         if frame.others {
@@ -118,26 +140,24 @@ impl<S: Simd> Packet<'_, S> {
         {
             flight.turn_at_interfaces(frame, interfaces);
         }
-        self.end::<false>(flight, branching, responses)
+        Outcome { flights, ..self.end(flight, branching, responses) }
     }
 
-    /// What comes after its end; `WITHIN`: no lane that lives has met a boundary, and the frame is plain.
+    /// What comes after its end.
     #[inline(always)]
-    fn end<const WITHIN: bool>(&mut self, mut flight: Flight<S>, branching: bool, responses: &mut [f64]) -> Outcome {
-        let (simd, frame) = (self.simd, self.frame);
-        let fate = flight.fate::<WITHIN>(frame, branching);
-        let [_, b, c, _] = flight.random;
-        let phase = frame.phase_of_media(simd, flight.end.g, flight.end.material);
-        let own = phase.sample(flight.start.w, unit_short(b), unit_short(c));
-        let own = if WITHIN { own } else { flight.mirrored.or(flight.turned, own) };
+    fn end(&mut self, mut flight: Flight<S>, branching: bool, responses: &mut [f64]) -> Outcome {
+        let frame = self.frame;
+        let fate = flight.fate::<false>(frame, branching);
+        let own = flight.mirrored.or(flight.turned, flight.scattered(frame));
         flight.turned &= fate.goes_on;
-        self.queue_next_events::<WITHIN>(&flight, &fate, own, responses);
+        self.queue_next_events::<false>(&flight, &fate, own, responses);
         let mis_weight = self.queue_light_branches(&flight, &fate, own, branching);
-        if !WITHIN && (frame.lamps || !frame.next_events) && fate.next_events.any_true() {
+        if (frame.lamps || !frame.next_events) && fate.next_events.any_true() {
             self.set_aside(&flight, &fate, own);
         }
-        self.advance::<WITHIN>(&flight, &fate, (own, mis_weight), branching);
+        self.advance(&flight, &fate, (own, mis_weight), branching);
         Outcome {
+            flights: 0,
             divergent: fate.divergent.to_bitmask(),
             connecting: fate.next_events.to_bitmask(),
             out: fate.out.to_bitmask(),
@@ -206,7 +226,7 @@ impl<S: Simd> Packet<'_, S> {
 
     /// Paths that go on stand at the end of their flight, all others where they were.
     #[inline(always)]
-    fn advance<const WITHIN: bool>(
+    fn advance(
         &mut self,
         flight: &Flight<S>,
         fate: &Fate<S>,
@@ -215,14 +235,10 @@ impl<S: Simd> Packet<'_, S> {
     ) {
         let Flight { start, end, .. } = flight;
         let end = PathLanes { w: own, mis_weight, number: start.number + 2, ..*end };
-        if WITHIN {
-            self.path.go_on(fate.goes_on, &end);
-        } else {
-            self.path = end.or(fate.goes_on, start, self.frame.counts);
-        }
+        self.path = end.or(fate.goes_on, start, self.frame.counts);
         let divergent = fate.divergent.to_bitmask();
         self.alive = if branching { divergent } else { fate.goes_on.to_bitmask() | divergent };
-        if let Some(window) = self.frame.weight_windows.as_ref().filter(|_| !WITHIN && !branching) {
+        if let Some(window) = self.frame.weight_windows.as_ref().filter(|_| !branching) {
             self.keep_in_windows(fate.goes_on & !flight.turned, start.w, flight.passage.clear, window);
         }
     }
@@ -368,6 +384,14 @@ impl<S: Simd> Flight<S> {
         (roulette, least, near)
     }
 
+    /// Where those go on that are scattered at the end.
+    #[inline(always)]
+    fn scattered(&self, frame: &Frame<'_>) -> V<S> {
+        let [_, b, c, _] = self.random;
+        let phase = frame.phase_of_media(self.simd, self.end.g, self.end.material);
+        phase.sample(self.start.w, unit_short(b), unit_short(c))
+    }
+
     /// What is estimated from the end.
     #[inline(always)]
     fn vertex(&self, own: V<S>, roulette: F<S>, least: F<S>) -> VertexLanes<S> {
@@ -393,7 +417,7 @@ impl<S: Simd> Flight<S> {
 }
 
 impl<S: Simd> PathLanes<S> {
-    /// Those of `mask` become `end`, which is in the same medium; lengths are not counted.
+    /// Those of `mask` become `end`, which is in the same medium; of plain frames.
     #[inline(always)]
     fn go_on(&mut self, mask: M<S>, end: &Self) {
         self.r = end.r.or(mask, self.r);
@@ -401,9 +425,14 @@ impl<S: Simd> PathLanes<S> {
         self.absorption_depth = choose(mask, end.absorption_depth, self.absorption_depth);
         self.absorption_lost = choose(mask, end.absorption_lost, self.absorption_lost);
         self.weight = choose(mask, end.weight, self.weight);
-        self.known_clear = choose(mask, end.known_clear, self.known_clear);
-        self.mis_weight = choose(mask, end.mis_weight, self.mis_weight);
         self.number = mask.select(end.number, self.number);
+    }
+
+    /// Takes over what [`Self::go_on`] may have changed.
+    #[inline(always)]
+    fn moved(&mut self, path: &Self) {
+        let Self { r, w, absorption_depth, absorption_lost, weight, number, .. } = *path;
+        *self = Self { r, w, absorption_depth, absorption_lost, weight, number, ..*self };
     }
 
     /// These where `mask` says so, else the others; lengths only where they are kept.

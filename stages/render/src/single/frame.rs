@@ -60,7 +60,7 @@ pub struct Frame<'a> {
     /// Whether bodies share a medium: where they touch they are one.
     pub repeated: bool,
     /// Whether flights that stay in their medium are plain: no meshes, no surfaces that lanes do not know, no lamps that are connected one by one, no
-    /// weight windows, no lengths to count.
+    /// weight windows, no light-directed branches, no lengths to count.
     pub plain: bool,
     /// Whether there is nothing to connect to: no light but from infinity.
     pub blind: bool,

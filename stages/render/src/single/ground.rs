@@ -65,6 +65,7 @@ const MOST_INTERFACES: usize = 4;
 const NEARLY: f32 = 4e-6;
 
 /// What a flight within a body meets.
+#[derive(Clone, Copy)]
 pub struct Passage<S: Simd> {
     /// It leaves its body, or meets one of higher priority.
     pub crosses: M<S>,

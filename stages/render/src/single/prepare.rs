@@ -72,6 +72,7 @@ impl<'a> Frame<'a> {
         let projected =
             if s.shared.is_some() { scales.iter().map(|scale| unit * scale.projector).collect() } else { vec![unit] };
         let material = |part: &Part| &s.world.materials[part.material];
+        let light_branches = if sends { sends_light_branches(s.world, origin, range) } else { Vec::new() };
         Ok(Self {
             origin,
             range_squared: (range * range) as f32,
@@ -81,7 +82,6 @@ impl<'a> Frame<'a> {
             opaque: parts.iter().map(|part| material(part).is_opaque()).collect(),
             straight: straight && !others,
             onward: onward || (interfaces.is_some() && lanes_alone),
-            light_branches: if sends { sends_light_branches(s.world, origin, range) } else { Vec::new() },
             others,
             known: if by_distance { 0.0 } else { f32::INFINITY },
             counted: parts.iter().map(|part| counted_in[part.material]).collect(),
@@ -91,7 +91,13 @@ impl<'a> Frame<'a> {
             dark: ((straight && !others) || turns) && s.steady.ambient == 0.0,
             turns,
             first: if bends { 4 } else { 2 },
-            plain: !by_distance && !singly && next_events && s.shared.is_none() && walker.peaked_index.is_none(),
+            plain: !by_distance
+                && !singly
+                && next_events
+                && s.shared.is_none()
+                && walker.peaked_index.is_none()
+                && light_branches.is_empty(),
+            light_branches,
             plane,
             interfaces,
             tau_sure: walker.tau_sure as f32,

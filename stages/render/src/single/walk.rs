@@ -67,10 +67,9 @@ impl<S: Simd> Packet<'_, S> {
                     continue;
                 }
             }
-            flights += self.alive.count_ones() as usize;
-            let Outcome { divergent, connecting, out } = self.fly(branching, responses);
+            let Outcome { flights: made, divergent, connecting, out } = self.fly(branching, responses);
             // On its way to infinity a path makes one more.
-            flights += out.count_ones() as usize;
+            flights += made + out.count_ones() as usize;
             if connecting != 0 && (self.frame.lamps || !self.frame.next_events) {
                 self.next_event_singly(walker, connecting);
             }
