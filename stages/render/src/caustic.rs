@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 use turbid_optics::ray_differential::NewtonStep;
-use turbid_optics::solid::{Ends, Far};
+use turbid_optics::solid::{Ends, Far, Solid};
 
 use crate::bsdf::Bsdf;
 use crate::connection::{Connection, Known};
@@ -16,6 +16,7 @@ use crate::walker::Walker;
 use crate::world::{Interface, SurfacePoint};
 
 mod manifold_sampling;
+mod other_facets;
 mod reflection;
 mod shot;
 
@@ -75,37 +76,51 @@ impl Walker<'_> {
             known.extend(self.unbent(source, r, surface_point, n).map(|connection| Known { connection, events: 0 }));
             return;
         }
-        let far = match source.origin() {
-            (_, Some(along)) => Far::Direction(-along),
-            (origin, None) => Far::Point(origin),
-        };
-        let n_far = self.index_around(source.origin().0);
-        if n != n_far {
-            let ends = Ends { far, n_far, near: r, n_near: n };
-            let mut places = std::mem::take(&mut self.places);
-            places.clear();
-            for body in &self.setting.world.bodies {
-                if !self.setting.world.materials[body.material].is_opaque() {
-                    body.solid.crossings(&ends, &mut |p| places.push(p));
-                }
-            }
-            for p in &places {
-                let shot = self.shoot((r, surface_point), (p - r).normalize(), &[false], SurfaceNormals::AsTheyAre);
-                let shot = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton)));
-                if let Some((shot, newton)) = shot.filter(|(_, newton)| newton.turn.length() < NEAR) {
-                    self.keep(source, (r, surface_point), (shot, newton), &[false], known);
-                }
-                if one && !known.is_empty() {
-                    break;
-                }
-            }
-            self.places = places;
-        }
+        self.by_one_refraction(source, (r, surface_point), n, |_| true, one, known);
         if known.is_empty()
             && let Some(edges @ 1..) = edges
         {
             self.by_straight_line(source, (r, surface_point), edges, known);
         }
+    }
+
+    /// Adds connections by one refraction at solids for which `through` holds, from a point where the index is n; the first of them if `one` will do.
+    fn by_one_refraction(
+        &mut self,
+        source: Source<'_>,
+        begin: (DVec3, Option<SurfacePoint>),
+        n: f64,
+        through: impl Fn(&Solid) -> bool,
+        one: bool,
+        known: &mut Vec<Known>,
+    ) {
+        let (r, world) = (begin.0, self.setting.world);
+        let far = match source.origin() {
+            (_, Some(along)) => Far::Direction(-along),
+            (origin, None) => Far::Point(origin),
+        };
+        let n_far = self.index_around(source.origin().0);
+        if n == n_far {
+            return;
+        }
+        let ends = Ends { far, n_far, near: r, n_near: n };
+        let mut places = std::mem::take(&mut self.places);
+        places.clear();
+        let clear = world.bodies.iter().filter(|body| !world.materials[body.material].is_opaque());
+        for body in clear.filter(|body| through(&body.solid)) {
+            body.solid.crossings(&ends, &mut |p| places.push(p));
+        }
+        for p in &places {
+            let shot = self.shoot(begin, (p - r).normalize(), &[false], SurfaceNormals::AsTheyAre);
+            let shot = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton)));
+            if let Some((shot, newton)) = shot.filter(|(_, newton)| newton.turn.length() < NEAR) {
+                self.keep(source, begin, (shot, newton), &[false], known);
+            }
+            if one && !known.is_empty() {
+                break;
+            }
+        }
+        self.places = places;
     }
 
     /// Adds the connection through the interfaces of the straight line, one after the other.

@@ -96,9 +96,17 @@ pub(crate) struct Known {
 /// Connections are one if their directions differ by less, rad.
 pub(crate) const SAME: f64 = 1e-6;
 
+/// A connection by one refraction so near (rad) to the one that lanes have found is that: where others are as near they are not sure of theirs.
+pub(crate) const ABOUT: f64 = 1e-4;
+
 impl Known {
     /// Whether it is the connection that begins along `w`.
     pub(crate) fn is(&self, w: DVec3, events: usize) -> bool {
         self.events == events && (self.connection.towards - w).length() < SAME
+    }
+
+    /// Whether it is the connection by one refraction that lanes have found along about `w`.
+    pub(crate) fn is_about(&self, w: DVec3) -> bool {
+        self.events == 1 && (self.connection.towards - w).length() < ABOUT
     }
 }

@@ -18,6 +18,9 @@ use crate::strata::Bending;
 use crate::walker::{Entry, Walker};
 use crate::world::{Material, SurfacePoint};
 
+/// The probability with which facets are searched where lanes have found none that refracts light to a place.
+const UNSURE: f64 = 0.25;
+
 /// The line on which the next scattering is sampled.
 struct Line {
     r: DVec3,
@@ -337,6 +340,10 @@ impl<'a> Walker<'a> {
                     let [towards, normal] = [known.towards, known.normal].map(|v| DVec3::from(v.map(f64::from)));
                     let strength = unit * f64::from(known.strength);
                     let best = Best { strength, exit: Some(normal), turns: 1, about: Some(towards) };
+                    if self.facetted {
+                        let about = known.by_facet.then_some(towards);
+                        self.reach_beside(source, r, (about, strength), &draws, &mut connections);
+                    }
                     connections.extend(self.sample_manifold_once(source, (r, None), &draws, Some(best)));
                 }
                 FoundInLanes::Nothing => {
@@ -346,8 +353,14 @@ impl<'a> Walker<'a> {
                     connections.extend(self.sample_manifold(source, r, None, &draws));
                 }
                 FoundInLanes::Unsure => {
-                    self.reach(source, r, None, &mut connections);
-                    connections.extend(self.sample_manifold(source, r, None, &draws));
+                    // Among facets hardly any light comes there, and to know that takes long.
+                    let chance = if self.facetted { UNSURE } else { 1.0 };
+                    let [.., searches] = draws.whether(source);
+                    if searches < chance {
+                        self.reach(source, r, None, &mut connections);
+                        connections.extend(self.sample_manifold(source, r, None, &draws));
+                        connections.iter_mut().for_each(|connection| connection.irradiance /= chance);
+                    }
                 }
             }
         } else {

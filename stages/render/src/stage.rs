@@ -49,7 +49,7 @@ pub struct RenderStage;
 
 impl Stage for RenderStage {
     const NAME: &'static str = "render";
-    const VERSION: u32 = 32;
+    const VERSION: u32 = 33;
     const ABOUT: &'static str =
         "Renders camera frames under projected sinusoids by unbiased path tracing, with standard errors";
     const STOPPING: &'static [&'static str] = &["samples", "target_error", "max_seconds"];

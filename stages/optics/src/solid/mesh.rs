@@ -179,6 +179,11 @@ impl Mesh {
         self.normals[face as usize]
     }
 
+    /// The product of that normal and the points of the face, relative to the [`center`](Self::center), mm.
+    pub fn offset(&self, face: u32) -> f64 {
+        self.normal(face).dot(self.corners[face as usize][0])
+    }
+
     /// As [`Rounded::at`].
     pub(super) fn rounded(&self, face: u32, p: DVec3) -> (DVec3, impl Fn(DVec3) -> DVec3) {
         let rounded = self.rounded.get_or_init(|| Rounded::over(&self.corners, &self.normals));

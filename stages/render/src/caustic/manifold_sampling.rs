@@ -10,7 +10,7 @@ use turbid_optics::refraction::refract;
 use super::Next;
 use super::shot::{Shot, SurfaceNormals};
 use crate::connect::Draws;
-use crate::connection::{Connection, SAME};
+use crate::connection::{ABOUT, Connection, SAME};
 use crate::lamp::Source;
 use crate::random::Dice;
 use crate::walker::Walker;
@@ -57,11 +57,8 @@ pub(crate) struct Best {
     pub about: Option<DVec3>,
 }
 
-/// A connection by one refraction so near (rad) to the one that lanes have found is that: where others are as near they are not sure of theirs.
-const ABOUT: f64 = 1e-4;
-
 /// Connections that bring less than this part of the light of the best are weighed by roulette.
-const WEAK: f64 = 1e-2;
+pub(crate) const WEAK: f64 = 1e-2;
 /// The same of lamp reflections of which interfaces and media leave less than this part.
 const FAINT: f64 = 1e-4;
 /// Of a trial's events: a ray from outside is reflected by an interface with this probability, one from inside with at least `RARE`.

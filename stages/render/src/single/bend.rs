@@ -173,8 +173,9 @@ impl Plane {
         let advance = (x * x + y * y).sqrt();
         let sideways = choose(advance.simd_gt(zero), 1.0 / advance, zero);
         let depth = ((self.z - p.z) * self.up).max(zero);
-        let t = tangent(simd, advance, (depth, height), self.m, self.excess);
-        let (q, reach, slope) = advanced(t, (depth, height), (m2, self.excess));
+        let above = splat(simd, height);
+        let t = tangent(simd, advance, (depth, above), self.m, self.excess);
+        let (q, reach, slope) = advanced(t, (depth, above), (m2, self.excess));
         let inverse = 1.0 / (self.m * (t * t + 1.0).sqrt());
         let (sin, cos) = (t * inverse * sideways, q * inverse);
         // 1 - R from what passes of both polarisations, not from what is reflected: all digits at grazing angles.
@@ -192,7 +193,7 @@ impl Plane {
 
 /// q, the advance sideways over t, and its derivative by t; see [`Plane::refraction`].
 #[inline(always)]
-pub fn advanced<S: Simd>(t: F<S>, (depth, height): (F<S>, f32), (m2, excess): (f32, f32)) -> (F<S>, F<S>, F<S>) {
+pub fn advanced<S: Simd>(t: F<S>, (depth, height): (F<S>, F<S>), (m2, excess): (f32, f32)) -> (F<S>, F<S>, F<S>) {
     let q2 = t * t * excess + m2;
     let q = q2.sqrt();
     let reach = depth / q;
@@ -201,7 +202,7 @@ pub fn advanced<S: Simd>(t: F<S>, (depth, height): (F<S>, f32), (m2, excess): (f
 
 /// The tangent t on the light's side with which light advances so far sideways; see [`Plane::refraction`].
 #[inline(always)]
-pub fn tangent<S: Simd>(simd: S, advance: F<S>, (depth, height): (F<S>, f32), m: f32, excess: f32) -> F<S> {
+pub fn tangent<S: Simd>(simd: S, advance: F<S>, (depth, height): (F<S>, F<S>), m: f32, excess: f32) -> F<S> {
     let mut t = advance / (depth * (1.0 / m) + height);
     let mut open = M::splat(simd, true);
     for _ in 0..MOST_STEPS {
@@ -259,6 +260,8 @@ pub struct KnownConnection {
     /// Unit vectors: against it at the point, and out of its interface.
     pub towards: [f32; 3],
     pub normal: [f32; 3],
+    /// Whether that is a facet: then lanes have looked for no other one, else for all but facets.
+    pub by_facet: bool,
 }
 
 #[cfg(test)]

@@ -132,7 +132,9 @@ impl<S: Simd> Flight<S> {
     #[inline(always)]
     pub(super) fn turn_at_interfaces(&mut self, frame: &Frame<'_>, interfaces: &Interfaces) {
         let start = &self.start;
-        let (meeting, mirrored, free) = interfaces.meet(self.simd, frame, start.body, start.r, start.w);
+        let asked = self.passage.crosses & self.alive;
+        let (meeting, mirrored, free) =
+            interfaces.meet(self.simd, frame, asked, self.uniform(), (start.body, start.r, start.w));
         self.mirrored = mirrored;
         self.turn(frame, &meeting, meeting.towards, free);
     }
@@ -150,6 +152,8 @@ impl<S: Simd> Flight<S> {
         self.absorbed = choose(self.turned | self.escapes, start.mu_a * meeting.distance, self.absorbed);
         self.first = choose(self.turned, meeting.distance, self.first);
         self.end.r = meeting.place.or(self.turned, self.end.r);
+        // There it stands at a surface: of a mesh, perhaps.
+        self.end.known_clear = choose(self.turned, self.end.known_clear.min(frame.known), self.end.known_clear);
         self.passage.crosses &= !self.turned;
     }
 }

@@ -8,7 +8,7 @@ pub use turbid_optics::solid::facets::bits;
 use turbid_optics::solid::facets::{Cells, Crossings, ItemBuffer, Rays};
 use turbid_optics::solid::{Chord, Mesh};
 
-use super::lane::{F, V};
+use super::lane::{F, LANES, M, V};
 
 /// A mesh in single precision.
 #[derive(Clone, Debug)]
@@ -24,12 +24,25 @@ pub struct Facets {
     pub(super) center: [f32; 3],
     /// Of its faces.
     pub(super) normals: Vec<[f32; 3]>,
+    /// See [`Mesh::offset`].
+    pub(super) offsets: Vec<f32>,
 }
 
-/// Points towards or from which many lines run.
+/// Where rays leave a mesh.
+pub(super) struct WayOut<S: Simd> {
+    /// Which do.
+    pub met: M<S>,
+    /// mm.
+    pub distance: F<S>,
+    /// Of the plane of the facet: its unit normal outwards, and the product of that with its points, in coordinates about the center of the mesh.
+    pub normal: V<S>,
+    pub offset: F<S>,
+    pub face: [u32; LANES],
+}
+
+/// Points towards or from which many lines run, if they do.
 pub struct Eyes {
-    pub camera: DVec3,
-    /// `None` where there is no projector.
+    pub camera: Option<DVec3>,
     pub light: Option<DVec3>,
 }
 
@@ -41,14 +54,23 @@ impl Facets {
         }
         let center = (mesh.center() - origin).as_vec3().to_array();
         let normals = (0..mesh.triangles() as u32).map(|face| mesh.normal(face).as_vec3().to_array()).collect();
-        Some(Self { body: body as u32, mesh: mesh.clone(), from_light: None, from_camera: None, center, normals })
+        let offsets = (0..mesh.triangles() as u32).map(|face| mesh.offset(face) as f32).collect();
+        Some(Self {
+            body: body as u32,
+            mesh: mesh.clone(),
+            from_light: None,
+            from_camera: None,
+            center,
+            normals,
+            offsets,
+        })
     }
 
     /// Makes its cells, and what is seen of it from the eyes; a plan does without, and it takes as long as all the rest.
     pub fn prepare(&mut self, eyes: &Eyes) {
         self.mesh.cells();
         self.from_light = eyes.light.and_then(|eye| self.mesh.item_buffer(eye));
-        self.from_camera = self.mesh.item_buffer(eyes.camera);
+        self.from_camera = eyes.camera.and_then(|eye| self.mesh.item_buffer(eye));
     }
 
     /// Where the camera's ray is in it; false where it has to be asked otherwise.
@@ -76,6 +98,49 @@ impl Facets {
 }
 
 impl Facets {
+    /// The plane of the nearest facet in the cell of the point of each lane that is asked, where there is one: its unit normal outwards, and how far below it the point is.
+    #[inline(always)]
+    pub(super) fn planes_near<S: Simd>(&self, simd: S, asked: M<S>, p: V<S>) -> (M<S>, V<S>, F<S>) {
+        let (mut near, mut normal, mut height) = (0, [[0.0; LANES]; 3], [0.0; LANES]);
+        let p = self.local_lanes(p);
+        for lane in bits(asked.to_bitmask()) {
+            let p =
+                DVec3::new(p[0].as_slice()[lane].into(), p[1].as_slice()[lane].into(), p[2].as_slice()[lane].into());
+            if let Some((n, h)) = self.mesh.plane_near(self.mesh.center() + p) {
+                near |= 1 << lane;
+                height[lane] = h as f32;
+                normal.iter_mut().zip(n.as_vec3().to_array()).for_each(|(axis, n)| axis[lane] = n);
+            }
+        }
+        let [x, y, z] = normal.map(|axis| F::load_array(simd, axis));
+        (M::from_bitmask(simd, near), V { x, y, z }, F::load_array(simd, height))
+    }
+
+    /// Where rays from within leave it first.
+    #[inline(always)]
+    pub(super) fn way_out<S: Simd>(&self, simd: S, asked: M<S>, r: V<S>, w: V<S>) -> WayOut<S> {
+        let (mut met, mut distance, mut normal) = (0, [0.0; LANES], [[0.0; LANES]; 3]);
+        let (mut offset, mut face) = ([0.0; LANES], [u32::MAX; LANES]);
+        let rays = Rays { p: self.local_lanes(r), w: [w.x, w.y, w.z] };
+        let first = self.cells().first(simd, asked.to_bitmask(), &rays, u64::MAX, &F::splat(simd, f32::INFINITY));
+        for (lane, crossing) in first.iter().enumerate() {
+            if let Some(crossing) = crossing {
+                let i = crossing.face as usize;
+                met |= 1 << lane;
+                (distance[lane], offset[lane], face[lane]) = (crossing.t, self.offsets[i], crossing.face);
+                normal.iter_mut().zip(self.normals[i]).for_each(|(axis, n)| axis[lane] = n);
+            }
+        }
+        let [x, y, z] = normal.map(|axis| F::load_array(simd, axis));
+        WayOut {
+            met: M::from_bitmask(simd, met),
+            distance: F::load_array(simd, distance),
+            normal: V { x, y, z },
+            offset: F::load_array(simd, offset),
+            face,
+        }
+    }
+
     /// What lies between points and the light.
     #[inline(always)]
     pub(super) fn between<S: Simd>(

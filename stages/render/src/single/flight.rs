@@ -226,13 +226,7 @@ impl<S: Simd> Packet<'_, S> {
 
     /// Paths that go on stand at the end of their flight, all others where they were.
     #[inline(always)]
-    fn advance(
-        &mut self,
-        flight: &Flight<S>,
-        fate: &Fate<S>,
-        (own, mis_weight): (V<S>, F<S>),
-        branching: bool,
-    ) {
+    fn advance(&mut self, flight: &Flight<S>, fate: &Fate<S>, (own, mis_weight): (V<S>, F<S>), branching: bool) {
         let Flight { start, end, .. } = flight;
         let end = PathLanes { w: own, mis_weight, number: start.number + 2, ..*end };
         self.path = end.or(fate.goes_on, start, self.frame.counts);

@@ -246,7 +246,7 @@ impl Ground {
                 let mut again = 0;
                 for (j, chord) in chords.iter_mut().enumerate().take(parts.len()) {
                     *chord = if self.is_mesh(j) {
-                        self.chord_in_mesh(simd, j, asked, r, w, &mut again)
+                        self.chord_in_mesh(simd, j, asked, r, w, &mut again).0
                     } else {
                         self.chord(simd, j, r, w)
                     };

@@ -47,12 +47,12 @@ pub struct Heading<S: Simd> {
 }
 
 /// Where Snell's law may hold.
-struct Place<S: Simd> {
-    foot: V<S>,
+pub(super) struct Place<S: Simd> {
+    pub foot: V<S>,
     /// Unit vector out of the body.
-    normal: V<S>,
-    found: M<S>,
-    unsure: M<S>,
+    pub normal: V<S>,
+    pub found: M<S>,
+    pub unsure: M<S>,
 }
 
 /// Newton's method doubles the digits; from the straight line it needs four or five steps.
@@ -79,7 +79,7 @@ impl Interfaces {
         let alike = clear().all(|part| material(part).n == n && material(part).bsdf == Bsdf::Smooth);
         let (eye, lamp) = (s.camera.view.position, s.light.view.position);
         let outside = !parts.iter().any(|part| part.solid.contains(eye) || part.solid.contains(lamp));
-        let known = (0..parts.len()).all(|j| !ground.is_other(j) && !ground.is_mesh(j) && !ground.is_turned(j));
+        let known = (0..parts.len()).all(|j| !ground.is_other(j) && !ground.is_turned(j));
         // Nothing carved: holes have interfaces that bulge the other way.
         let whole = parts.len() == s.world.bodies.len() && parts.len() <= MOST_TURNING;
         if n <= 1.0 || !alike || !outside || !known || !whole {
@@ -97,8 +97,8 @@ impl Interfaces {
             light: (lamp - origin).as_vec3().to_array(),
             m,
             excess: ((n - 1.0) * (n + 1.0)) as f32,
-            // Also in f32, whose last digit may be more.
-            behind: (1e-6 * shortest).max(4.0 * ulp * reach),
+            // Also in f32, whose last digit may be more, and of planes of facets some.
+            behind: (1e-6 * shortest).max(if ground.meshes.is_empty() { 4.0 } else { 16.0 } * ulp * reach),
         })
     }
 
@@ -120,45 +120,62 @@ impl Interfaces {
             }
             Form::Round { shape, least, low, high } => self.through_round(simd, asked, p, shape, least, [low, high]),
         };
+        let round = if let Form::Round { shape, .. } = face.form { Some(shape) } else { None };
+        let (mut refraction, a) = self.by_place(simd, round, asked, p, place);
+        let Refraction { foot, towards, length, .. } = refraction;
+        let size = p.size().max(foot.size()).max(length);
+        let slack = (length + size) * SLACK;
+        // Convex, the body of the face ends there, and is not come back to.
+        let inner = passed(simd, frame, (p, towards, length), (face.body, length));
+        refraction.found &= (length - inner.length).abs().simd_le(slack) & !inner.blocked;
+        refraction.tau = inner.tau;
+        if refraction.found.any_true() {
+            let outer =
+                passed(simd, frame, (foot, a, self.to_light(foot).1), (face.body, splat(simd, f32::NEG_INFINITY)));
+            refraction.found &= outer.length.simd_le(slack) & !outer.blocked;
+        }
+        refraction
+    }
+
+    /// What light brings by a place, whatever stands in the way: `tau` is 0. Beside it the unit vector from there towards the light.
+    #[inline(always)]
+    pub(super) fn by_place<S: Simd>(
+        &self,
+        simd: S,
+        round: Option<Shape>,
+        asked: M<S>,
+        p: V<S>,
+        place: Place<S>,
+    ) -> (Refraction<S>, V<S>) {
         let Place { foot, normal, .. } = place;
         // From the foot outwards by the light's own direction: near the interface that of the inner part has few digits.
         let (light, d2) = (self.to_light(foot), foot.minus(p).dot(foot.minus(p)).sqrt());
-        let (a, d1) = light;
+        let (a, _) = light;
         let cos_out = a.dot(normal);
         let towards = self.refracted(a, normal);
         let cos_in = towards.dot(normal);
         let (s, q) = (cos_out + cos_in * self.m, cos_out * self.m + cos_in);
         let transmitted = cos_out * cos_in * (2.0 * self.m) * (1.0 / (s * s) + 1.0 / (q * q));
-        let [uu, uv, vv] = self.second(simd, &face.form, foot, normal, (a, d1), (towards, d2));
+        let [uu, uv, vv] = self.second(simd, round, foot, normal, light, (towards, d2));
         let spread = uu * vv - uv * uv;
         let passes = cos_out.simd_gt(0.0);
         let convex = uu.simd_gt(0.0) & spread.simd_gt(NEAR_FOCUS);
-        let mut found = asked & place.found & !place.unsure & passes & convex;
-        let unsure = asked & (place.unsure | (place.found & passes & !convex));
-        let size = p.size().max(foot.size()).max(d2);
-        let slack = (d2 + size) * SLACK;
-        // Convex, the body of the face ends there, and is not come back to.
-        let inner = passed(simd, frame, (p, towards, d2), (face.body, d2));
-        found &= (d2 - inner.length).abs().simd_le(slack) & !inner.blocked;
-        if found.any_true() {
-            let outer = passed(simd, frame, (foot, a, d1), (face.body, splat(simd, f32::NEG_INFINITY)));
-            found &= outer.length.simd_le(slack) & !outer.blocked;
-        }
-        Refraction {
-            found,
-            unsure,
+        let refraction = Refraction {
+            found: asked & place.found & !place.unsure & passes & convex,
+            unsure: asked & (place.unsure | (place.found & passes & !convex)),
             towards,
             length: d2,
             foot,
             normal,
             gain: transmitted * cos_in * cos_out / spread,
-            tau: inner.tau,
-        }
+            tau: splat(simd, 0.0),
+        };
+        (refraction, a)
     }
 
-    /// Towards the light as the interface of each lane's own body bends it; see `Walker::heading_past_interfaces`.
+    /// Towards the light as the interface of each lane's own body bends it, `least` the optical depth of that at least; see `Walker::heading_past_interfaces`.
     #[inline(never)]
-    pub fn heading<S: Simd>(&self, simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>) -> Heading<S> {
+    pub fn heading<S: Simd>(&self, simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, least: F<S>) -> Heading<S> {
         simd.vectorize(
             #[inline(always)]
             || {
@@ -166,7 +183,7 @@ impl Interfaces {
                 let (mut distance, mut normal, mut mu_t) = (splat(simd, 0.0), towards, splat(simd, 0.0));
                 for _ in 0..2 {
                     let before = towards;
-                    for j in (0..frame.parts.len()).filter(|&j| frame.parts[j].open) {
+                    for j in (0..frame.parts.len()).filter(|&j| frame.parts[j].open && !frame.ground.is_mesh(j)) {
                         let own = body.simd_eq(j as u32);
                         if own.all_false() {
                             continue;
@@ -182,14 +199,21 @@ impl Interfaces {
                         mu_t = choose(own, splat(simd, frame.mu_t[j]), mu_t);
                     }
                 }
-                Heading { towards, tau: distance * mu_t, normal }
+                let mut heading = Heading { towards, tau: distance * mu_t, normal };
+                for mesh in &frame.ground.meshes {
+                    let own = body.simd_eq(mesh.body);
+                    if frame.parts[mesh.body as usize].open && own.any_true() {
+                        heading = self.past_facets(simd, frame, mesh, own, (r, least)).or(own, &heading);
+                    }
+                }
+                heading
             },
         )
     }
 
     /// Unit vectors inside towards the light that comes from a; n is the normal outwards.
     #[inline(always)]
-    fn refracted<S: Simd>(&self, a: V<S>, n: V<S>) -> V<S> {
+    pub(super) fn refracted<S: Simd>(&self, a: V<S>, n: V<S>) -> V<S> {
         let inverse = 1.0 / self.m;
         let cos_out = a.dot(n);
         let cos_in = (1.0 - (1.0 - cos_out * cos_out) * (inverse * inverse)).sqrt();
@@ -198,7 +222,7 @@ impl Interfaces {
 
     /// Unit vectors towards the light, and how far off it is.
     #[inline(always)]
-    fn to_light<S: Simd>(&self, p: V<S>) -> (V<S>, F<S>) {
+    pub(super) fn to_light<S: Simd>(&self, p: V<S>) -> (V<S>, F<S>) {
         let d = p.from(self.light).times(splat(p.x.token(), -1.0));
         let distance = d.dot(d).sqrt();
         (d.times(1.0 / distance), distance)
@@ -223,6 +247,7 @@ impl Interfaces {
         let depth = depth.max(zero);
         let (x, y) = (self.light[i] - p[i], self.light[j] - p[j]);
         let advance = (x * x + y * y).sqrt();
+        let height = splat(simd, height);
         let t = tangent(simd, advance, (depth, height), self.m, self.excess);
         let (q, ..) = advanced(t, (depth, height), (self.m * self.m, self.excess));
         let aside = depth * t / q * choose(advance.simd_gt(zero), 1.0 / advance, zero);
@@ -257,7 +282,6 @@ impl Interfaces {
         least: f32,
         [low, high]: [f32; 2],
     ) -> Place<S> {
-        let form = Form::Round { shape, least, low, high };
         let (towards, distance) = self.to_light(p);
         let Chord { enter, leave } = chord(simd, shape, p, towards);
         let slack = p.size() * SLIVER;
@@ -279,7 +303,7 @@ impl Interfaces {
             let b = foot.minus(p);
             let d2 = b.dot(b).sqrt().max(splat(simd, 1e-12));
             let b = b.times(1.0 / d2);
-            let [uu, uv, vv] = self.second(simd, &form, foot, normal, (a, d1), (b, d2));
+            let [uu, uv, vv] = self.second(simd, Some(shape), foot, normal, (a, d1), (b, d2));
             let sum = a.plus(splat(simd, -self.m), b).times(d2);
             let (u, v) = tangents(simd, normal);
             let (along_u, along_v) = (sum.dot(u), sum.dot(v));
@@ -305,7 +329,7 @@ impl Interfaces {
     fn second<S: Simd>(
         &self,
         simd: S,
-        form: &Form,
+        round: Option<Shape>,
         foot: V<S>,
         normal: V<S>,
         (a, d1): (V<S>, F<S>),
@@ -319,7 +343,7 @@ impl Interfaces {
             -(ratio * au * av) - bu * bv * self.m,
             ratio * (1.0 - av * av) + (1.0 - bv * bv) * self.m,
         ];
-        if let Form::Round { shape, .. } = form {
+        if let Some(shape) = round {
             let strength = d2 * (a.dot(normal) - b.dot(normal) * self.m);
             let bends = shape.bends(foot, u, v);
             for (second, bend) in second.iter_mut().zip(bends) {
@@ -330,7 +354,36 @@ impl Interfaces {
     }
 }
 
+impl<S: Simd> Heading<S> {
+    /// This where `mask` says so, else the other.
+    #[inline(always)]
+    pub(super) fn or(&self, mask: M<S>, other: &Self) -> Self {
+        Self {
+            towards: self.towards.or(mask, other.towards),
+            tau: choose(mask, self.tau, other.tau),
+            normal: self.normal.or(mask, other.normal),
+        }
+    }
+}
+
 impl<S: Simd> Refraction<S> {
+    /// Nothing found.
+    #[inline(always)]
+    pub fn none(simd: S) -> Self {
+        let (no, zero) = (M::splat(simd, false), splat(simd, 0.0));
+        let nowhere = V { x: zero, y: zero, z: zero };
+        Self {
+            found: no,
+            unsure: no,
+            towards: nowhere,
+            length: zero,
+            foot: nowhere,
+            normal: nowhere,
+            gain: zero,
+            tau: zero,
+        }
+    }
+
     #[inline(always)]
     pub fn visibility(&self, blocked: M<S>) -> Visibility<S> {
         let &Self { towards, tau, length, foot, gain, .. } = self;

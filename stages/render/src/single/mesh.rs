@@ -17,6 +17,23 @@ struct FirstChord {
     again: bool,
 }
 
+/// Planes of facets.
+#[derive(Clone, Copy)]
+pub struct FacetPlane<S: Simd> {
+    /// Unit vector outwards, and its product with the points of the plane, in coordinates about `center`.
+    pub normal: V<S>,
+    offset: F<S>,
+    center: [f32; 3],
+}
+
+impl<S: Simd> FacetPlane<S> {
+    /// The point of the plane nearest to p.
+    #[inline(always)]
+    pub fn drop(&self, p: V<S>) -> V<S> {
+        p.plus(self.offset - p.from(self.center).dot(self.normal), self.normal)
+    }
+}
+
 /// In order along a line, the first chord ahead of its start.
 #[inline(always)]
 fn first_chord(crossings: &[Crossing]) -> Option<FirstChord> {
@@ -86,7 +103,8 @@ impl Ground {
         F::load_array(simd, clear)
     }
 
-    /// Where rays are in the mesh that is body `j`; the lanes that come back to it later are added to `again`.
+    /// Where rays are first in the mesh that is body `j`, and the facet where those that start inside leave it, or others come in; the lanes that come back to it
+    /// later are added to `again`.
     #[inline(always)]
     pub fn chord_in_mesh<S: Simd>(
         &self,
@@ -96,10 +114,12 @@ impl Ground {
         r: V<S>,
         w: V<S>,
         again: &mut u64,
-    ) -> Chord<S> {
+    ) -> (Chord<S>, FacetPlane<S>) {
         let (mut enter, mut leave) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
-        let mut found = Crossings::default();
+        let (mut normal, mut offset, mut found) = ([[0.0; LANES]; 3], [0.0; LANES], Crossings::default());
+        let mut center = [0.0; 3];
         for mesh in self.meshes.iter().filter(|mesh| mesh.body == j as u32) {
+            center = mesh.center;
             let rays = Rays { p: mesh.local_lanes(r), w: [w.x, w.y, w.z] };
             let until = F::splat(simd, f32::INFINITY);
             mesh.cells().crossings(simd, asked.to_bitmask(), &rays, &until, &mut found);
@@ -107,10 +127,15 @@ impl Ground {
                 if let Some(chord) = first_chord(found.of(lane)) {
                     (enter[lane], leave[lane]) = (chord.enter, chord.leave);
                     *again |= u64::from(chord.again) << lane;
+                    let n = mesh.normals[chord.face as usize];
+                    offset[lane] = mesh.offsets[chord.face as usize];
+                    normal.iter_mut().zip(n).for_each(|(axis, n)| axis[lane] = n);
                 }
             }
         }
-        Chord { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) }
+        let [x, y, z] = normal.map(|axis| F::load_array(simd, axis));
+        let plane = FacetPlane { normal: V { x, y, z }, offset: F::load_array(simd, offset), center };
+        (Chord { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) }, plane)
     }
 
     /// Adds to the chords of rays where they leave their own mesh, or come to one of higher priority; what is farther than `until` may be

@@ -8,6 +8,7 @@ mod copies;
 mod crossing;
 mod deposit;
 mod face;
+mod facet_refraction;
 mod facets;
 mod flight;
 pub mod frame;

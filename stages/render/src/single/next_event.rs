@@ -167,7 +167,7 @@ fn line<S: Simd>(
     let VertexLanes { r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = vertex;
     let VertexLanes { number, sample, pixel, body, mut lengths, .. } = vertex;
     let mu_t = mu_a + mu_s;
-    let through = frame.interfaces.as_ref().map(|interfaces| interfaces.heading(simd, frame, body, r));
+    let through = frame.interfaces.as_ref().map(|interfaces| interfaces.heading(simd, frame, body, r, least));
     let (towards, tau, interface, interface_body) = if let Some(heading) = &through {
         (heading.towards, heading.tau, splat(simd, 0.0), body)
     } else {
@@ -347,16 +347,30 @@ fn see_through_interfaces<S: Simd>(
         block: place.block,
         place: place.place,
     };
+    let among_facets = !frame.ground.meshes.is_empty();
+    if among_facets && frame.counts {
+        return line.leave(simd, scalar_connections, &place, line.asked, |_| FoundInLanes::Unsure);
+    }
     let channels = if frame.counts { frame.channels.len() } else { 1 };
     let mut deposit = Deposit { frame, channels, paths: &place.response.as_slice()[..count], responses };
     let mut met = Met::new();
     let mut refractions: [Option<Refraction<S>>; MOST_FACES] = std::array::from_fn(|_| None);
     // Of each lane the first connection that there is, and by bits the lanes that each of the others has found, too.
-    let mut first = interfaces.refraction(simd, frame, 0, line.asked, line.r);
-    let mut others = [0; MOST_FACES];
-    refractions[0] = Some(first.clone());
-    for (i, face) in interfaces.faces.iter().enumerate().skip(1) {
-        let mut refraction = interfaces.refraction(simd, frame, i, line.asked, line.r);
+    let (mut first, mut others) = (Refraction::none(simd), [0; MOST_FACES]);
+    let mut asked = line.asked;
+    for mesh in &frame.ground.meshes {
+        let own = asked & place.body.simd_eq(mesh.body);
+        if own.any_true() {
+            let refraction = interfaces.refraction_by_facets(simd, frame, mesh, own, line.r);
+            first = first.or(!own, &refraction);
+        }
+        asked &= !own;
+    }
+    for (i, face) in interfaces.faces.iter().enumerate() {
+        let mut refraction = interfaces.refraction(simd, frame, i, asked, line.r);
+        if among_facets {
+            interfaces.keep_open(simd, frame, (place.body, &[u32::MAX; LANES]), line.r, &mut refraction);
+        }
         for same in face.same() {
             if let Some(before) = refractions.get(same).and_then(Option::as_ref) {
                 refraction.found &= !before.found;
@@ -399,14 +413,16 @@ fn see_through_interfaces<S: Simd>(
     let tried = line.asked & !wholly & tries(simd, key, high, &place);
     let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
     let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
-    let (known, unsure) = (found.to_bitmask(), first.unsure.to_bitmask());
+    let (known, unsure, faceless) = (found.to_bitmask(), first.unsure.to_bitmask(), asked.to_bitmask());
     line.leave(simd, scalar_connections, &place, tried | wholly, |i| {
         let at = |v: V<S>| [v.x, v.y, v.z].map(|x| x.as_slice()[i]);
         let (strength, towards, normal) = (strength.as_slice()[i], at(first.towards), at(first.normal));
         match (known >> i & 1, unsure >> i & 1) {
-            (1, _) => FoundInLanes::Known(KnownConnection { strength, towards, normal }),
-            (_, 1) => FoundInLanes::Unsure,
-            _ => FoundInLanes::Nothing,
+            (1, _) => {
+                FoundInLanes::Known(KnownConnection { strength, towards, normal, by_facet: faceless >> i & 1 == 0 })
+            }
+            (_, 0) if !among_facets => FoundInLanes::Nothing,
+            _ => FoundInLanes::Unsure,
         }
     });
 }

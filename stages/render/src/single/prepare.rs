@@ -32,7 +32,8 @@ impl<'a> Frame<'a> {
         let mut frame = Self::held(walker).ok()?;
         let s = walker.setting();
         let light = s.light.shines().then_some(s.light.view.position);
-        let eyes = Eyes { camera: s.camera.view.position, light };
+        // Where light bends the camera's rays are followed one by one.
+        let eyes = Eyes { camera: (!frame.bends()).then_some(s.camera.view.position), light };
         frame.ground.meshes.iter_mut().for_each(|mesh| mesh.prepare(&eyes));
         Some(frame)
     }

@@ -187,7 +187,7 @@ pub fn of_interfaces(walker: &Walker<'_>, parts: &[Part]) -> Refusal {
     if first <= 1.0 {
         return Refusal::Index(first);
     }
-    let whole = |solid: &Solid| !matches!(solid, Solid::Turned(_) | Solid::Carved(_) | Solid::Mesh(_));
+    let whole = |solid: &Solid| !matches!(solid, Solid::Turned(_) | Solid::Carved(_));
     if let Some(body) = setting.world.bodies.iter().find(|body| !whole(&body.solid)) {
         return Refusal::Interfaces(kind(&body.solid));
     }

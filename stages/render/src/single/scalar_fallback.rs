@@ -15,8 +15,10 @@ pub fn scalar_fallback(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut P
         if !walker.step(place) {
             return false;
         }
-        // In a medium, not at an interface; or through the plane, and not scattered yet.
-        let ready = place.surface_point.is_none() || (!place.scattered && place.number == u64::from(frame.first));
+        // In a medium, not at an interface; or through the plane, and not scattered yet; or turned by an interface from behind which lanes go on.
+        let entered = !place.scattered && place.number == u64::from(frame.first);
+        let turned = place.scattered && frame.interfaces.is_some();
+        let ready = place.surface_point.is_none() || entered || turned;
         if place.ahead && ready && place.number < u64::from(LATE) {
             let mut inside = *place;
             if let (Some(interfaces), Some(surface_point)) = (&frame.interfaces, place.surface_point) {

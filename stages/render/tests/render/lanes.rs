@@ -15,7 +15,8 @@ use turbid_render::single::{self, Frame};
 use turbid_render::world::{Body, Material, World};
 
 use crate::odd_worlds::{
-    bent_scenes, hollow_scenes, lamps, mesh_scenes, peaked_scenes, scenes, turned_scenes, two_term_scenes,
+    bent_mesh_scenes, bent_scenes, hollow_scenes, lamps, mesh_scenes, peaked_scenes, scenes, turned_scenes,
+    two_term_scenes,
 };
 
 static NO_LAMPS: Steady = Steady::NONE;
@@ -48,7 +49,11 @@ fn camera_and_light() -> (Camera, Light) {
 /// Each by the projector's carriers alone, and with projected images and lamps beside them.
 fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, ProjectedImages)> {
     let scenes = scenes().into_iter().chain(turned_scenes()).chain(mesh_scenes()).chain(hollow_scenes());
-    let scenes = scenes.chain(bent_scenes()).chain(peaked_scenes()).chain(two_term_scenes().into_iter().take(1));
+    let scenes = scenes
+        .chain(bent_scenes())
+        .chain(bent_mesh_scenes())
+        .chain(peaked_scenes())
+        .chain(two_term_scenes().into_iter().take(1));
     scenes.flat_map(|s| [(s.clone(), Steady::NONE, ProjectedImages::NONE), (s, lamps(), checks())])
 }
 
@@ -60,7 +65,7 @@ fn checks() -> ProjectedImages {
 /// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and projected images beside it. Where the
 /// light comes in through another wall than the camera's ray, the first estimate of lanes lies elsewhere on its line. Paths with weight windows are many. Elsewhere only rounding turns decisions: each by some 1e-7 of what it compares, ten for each of up to 90 flights, so less than one
 /// path. Another choice of random numbers gives other counts: those here hold within 5 of their standard errors and 4.
-const OTHERS: [(&str, [u32; 2]); 30] = [
+const OTHERS: [(&str, [u32; 2]); 33] = [
     ("tissue with a row of balls, two of them hollowed by another", [117, 117]),
     ("dome", [489, 489]),
     ("buried ball under a dye", [9, 9]),
@@ -85,6 +90,9 @@ const OTHERS: [(&str, [u32; 2]); 30] = [
     ("wet egg on a white floor", [1, 1]),
     ("wet post in a wet slab", [26, 26]),
     ("wet block on a wet slab", [1, 1]),
+    ("wet facets in a wet slab", [270, 237]),
+    ("wet lump", [244, 205]),
+    ("wet lump in a wet slab beside a wet ball", [416, 369]),
     ("sharp slab", [2, 2]),
     ("wet sharp slab", [2, 2]),
     ("pale sharp slab", [5, 5]),

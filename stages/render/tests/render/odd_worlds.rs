@@ -255,7 +255,6 @@ pub fn bent_scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
-/// Bodies of triangles: in a slab, with a bore and another body in it, and white.
 /// Media with narrow peaks of scattering, also beside others.
 pub fn peaked_scenes() -> Vec<(&'static str, World)> {
     let slab = |bottom: f64, top: f64| Solid::Slab { bottom, top };
@@ -300,6 +299,7 @@ pub fn two_term_scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
+/// Bodies of triangles: in a slab, with a bore and another body in it, and white.
 pub fn mesh_scenes() -> Vec<(&'static str, World)> {
     let mesh = |(vertices, triangles): shapes::Triangles| Solid::Mesh(Mesh::new(&vertices, &triangles).into());
     let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
@@ -311,6 +311,33 @@ pub fn mesh_scenes() -> Vec<(&'static str, World)> {
         ("ring on a floor, a ball in its bore", world(vec![(ball([0.3, 0.0, -0.2], 0.4), CORE), (ring, TISSUE)])),
         ("mesh alone", world(vec![(sphere, TISSUE)])),
         ("white mesh on a slab", world(vec![(block, WHITE), (slab(0.0, -500.0), TISSUE)])),
+    ]
+}
+
+/// Meshes at whose facets light bends: in a slab of the same n, alone, and a lump with hollows, where several facets refract light to a point and some is lost.
+pub fn bent_mesh_scenes() -> Vec<(&'static str, World)> {
+    let mesh = |(vertices, triangles): shapes::Triangles| Solid::Mesh(Mesh::new(&vertices, &triangles).into());
+    let center = DVec3::new(0.2, 0.0, 0.1);
+    let lump = || {
+        let (mut vertices, triangles) = shapes::icosphere(1.3, center, 3);
+        for p in &mut vertices {
+            let d = DVec3::from(*p) - center;
+            let q = 5.0 * d;
+            *p = (center + (1.0 + 0.1 * libm::sin(q.x + 0.3) * libm::sin(q.y) * libm::cos(q.z)) * d).into();
+        }
+        mesh((vertices, triangles))
+    };
+    let slab = Solid::Slab { bottom: -500.0, top: 0.0 };
+    vec![
+        (
+            "wet facets in a wet slab",
+            world(vec![(mesh(shapes::icosphere(1.2, center, 3)), WET_CORE), (slab.clone(), WET)]),
+        ),
+        ("wet lump", world(vec![(lump(), WET)])),
+        (
+            "wet lump in a wet slab beside a wet ball",
+            world(vec![(lump(), WET_CORE), (ball([-1.9, 0.4, 0.2], 0.6), MURKY), (slab, WET)]),
+        ),
     ]
 }
 
