@@ -352,9 +352,10 @@ impl<'a> Walker<'a> {
                     connections.extend(lit);
                     connections.extend(self.sample_manifold(source, r, None, &draws));
                 }
-                FoundInLanes::Unsure => {
-                    // Among facets hardly any light comes there, and to know that takes long.
-                    let chance = if self.facetted { UNSURE } else { 1.0 };
+                found @ (FoundInLanes::Unsure | FoundInLanes::NotAsked) => {
+                    // Among facets hardly any light comes where lanes have found none, and to know that takes long.
+                    let rarely = self.facetted && matches!(found, FoundInLanes::Unsure);
+                    let chance = if rarely { UNSURE } else { 1.0 };
                     let [.., searches] = draws.whether(source);
                     if searches < chance {
                         self.reach(source, r, None, &mut connections);

@@ -250,6 +250,8 @@ pub enum FoundInLanes {
     Nothing,
     /// They do not know.
     Unsure,
+    /// They have not looked for any.
+    NotAsked,
 }
 
 /// Of a connection that lanes have found.

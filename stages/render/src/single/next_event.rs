@@ -349,7 +349,7 @@ fn see_through_interfaces<S: Simd>(
     };
     let among_facets = !frame.ground.meshes.is_empty();
     if among_facets && frame.counts {
-        return line.leave(simd, scalar_connections, &place, line.asked, |_| FoundInLanes::Unsure);
+        return line.leave(simd, scalar_connections, &place, line.asked, |_| FoundInLanes::NotAsked);
     }
     let channels = if frame.counts { frame.channels.len() } else { 1 };
     let mut deposit = Deposit { frame, channels, paths: &place.response.as_slice()[..count], responses };

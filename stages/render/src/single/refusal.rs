@@ -59,7 +59,7 @@ pub enum Refusal {
     Indices(f64, f64),
     /// A refractive index at or below that of the surroundings.
     Index(f64),
-    /// Facets, holes or turned solids at whose interfaces light bends.
+    /// Holes or turned solids at whose interfaces light bends.
     Interfaces(&'static str),
     /// Camera or projector is in a body at whose interfaces light bends.
     Inside,
