@@ -39,6 +39,7 @@ fn main() {
         odd_worlds::curved_scenes(),
         odd_worlds::bent_scenes(),
         odd_worlds::mesh_scenes(),
+        odd_worlds::bent_mesh_scenes(),
         odd_worlds::hollow_scenes(),
     ];
     for (name, world) in all.into_iter().flatten().filter(|(name, _)| name.contains(part)) {
