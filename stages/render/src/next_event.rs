@@ -19,7 +19,7 @@ use crate::walker::{Entry, Walker};
 use crate::world::{Material, SurfacePoint};
 
 /// The probability with which facets are searched where lanes have found none that refracts light to a place.
-const UNSURE: f64 = 0.25;
+const SEARCHED: f64 = 0.25;
 
 /// The line on which the next scattering is sampled.
 struct Line {
@@ -346,22 +346,24 @@ impl<'a> Walker<'a> {
                     }
                     connections.extend(self.sample_manifold_once(source, (r, None), &draws, Some(best)));
                 }
+                // Hardly any light comes there, and to know that takes long.
+                FoundInLanes::Nothing if self.facetted => {
+                    let [.., searches] = draws.whether(source);
+                    if searches < SEARCHED {
+                        self.reach(source, r, None, &mut connections);
+                        connections.extend(self.sample_manifold(source, r, None, &draws));
+                        connections.iter_mut().for_each(|connection| connection.irradiance /= SEARCHED);
+                    }
+                }
                 FoundInLanes::Nothing => {
                     self.find_known_by_several(source, r);
                     let lit = self.known.iter().map(|known| known.connection).filter(|connection| connection.lit);
                     connections.extend(lit);
                     connections.extend(self.sample_manifold(source, r, None, &draws));
                 }
-                found @ (FoundInLanes::Unsure | FoundInLanes::NotAsked) => {
-                    // Among facets hardly any light comes where lanes have found none, and to know that takes long.
-                    let rarely = self.facetted && matches!(found, FoundInLanes::Unsure);
-                    let chance = if rarely { UNSURE } else { 1.0 };
-                    let [.., searches] = draws.whether(source);
-                    if searches < chance {
-                        self.reach(source, r, None, &mut connections);
-                        connections.extend(self.sample_manifold(source, r, None, &draws));
-                        connections.iter_mut().for_each(|connection| connection.irradiance /= chance);
-                    }
+                FoundInLanes::Unsure => {
+                    self.reach(source, r, None, &mut connections);
+                    connections.extend(self.sample_manifold(source, r, None, &draws));
                 }
             }
         } else {

@@ -52,8 +52,8 @@ impl Walker<'_> {
         if strength > 0.0 { (left / (WEAK * strength)).min(1.0) } else { 1.0 }
     }
 
-    /// Fills `self.known` with the connections by one refraction beside those that lanes have found: by one facet the light from along `about` comes, or, where
-    /// that is `None`, by what has no facets.
+    /// Fills `self.known` with the connections by one refraction that lanes have not found. They have found one facet's, which begins along about the unit vector
+    /// `about`; or, where that is `None`, those of all that has no facets.
     fn find_beside(&mut self, source: Source<'_>, r: DVec3, about: Option<DVec3>) {
         let mut known = std::mem::take(&mut self.known);
         known.clear();

@@ -246,12 +246,10 @@ pub struct ScalarConnection {
 pub enum FoundInLanes {
     /// One by one refraction, or the best of them.
     Known(KnownConnection),
-    /// None by one refraction.
+    /// None by one refraction; among facets none that they have looked for.
     Nothing,
     /// They do not know.
     Unsure,
-    /// They have not looked for any.
-    NotAsked,
 }
 
 /// Of a connection that lanes have found.

@@ -1,7 +1,7 @@
 //! Connections by one facet of a mesh that refracts, in f32 lanes.
 //!
 //! Of all facets lanes find one: a ray towards the light meets a facet, the light that this one bends comes along another ray, and where that meets the same facet
-//! again it is a connection. The others, of which there are few, are looked for by `Walker::find_known`, and as rarely as chains by several interfaces.
+//! again it is a connection. The others, of which there are few, are looked for by `Walker::reach_beside`, as rarely as chains by several interfaces.
 
 use fearless_simd::prelude::*;
 use turbid_optics::solid::facets::{Crossings, Rays};
@@ -46,7 +46,7 @@ impl Interfaces {
         heading.or(near, &Heading { towards: bent, tau: choose(met, distance, reach) * mu_t, normal })
     }
 
-    /// How light comes to points in a mesh through one of its facets. In lanes in which none is found, or something else is in the way, they are not sure.
+    /// How light comes to points in a mesh through one of its facets; lanes in whose way something else stands are not sure.
     #[inline(never)]
     pub(super) fn refraction_by_facets<S: Simd>(
         &self,
@@ -63,13 +63,12 @@ impl Interfaces {
                 let (mut refraction, _) = self.by_place(simd, None, asked, p, place);
                 refraction.tau = refraction.length * frame.mu_t[mesh.body as usize];
                 self.keep_open(simd, frame, (U::splat(simd, mesh.body), &faces), p, &mut refraction);
-                refraction.unsure = asked & !refraction.found;
                 refraction
             },
         )
     }
 
-    /// Of a mesh, and on which facets.
+    /// Where Snell's law holds on facets of a mesh, and on which.
     #[inline(always)]
     fn place_on_facets<S: Simd>(
         &self,
@@ -112,7 +111,7 @@ impl Interfaces {
             normal = n.or(open, normal);
             towards = self.refracted(self.to_light(foot).0, n).or(open, towards);
         }
-        (Place { foot, normal, found, unsure: asked & !found }, before)
+        (Place { foot, normal, found, unsure: M::splat(simd, false) }, before)
     }
 
     /// Leaves of what is found that in whose way nothing else stands, from points in `body` to the face, perhaps a facet, and from there to the light: elsewhere lanes

@@ -349,7 +349,7 @@ fn see_through_interfaces<S: Simd>(
     };
     let among_facets = !frame.ground.meshes.is_empty();
     if among_facets && frame.counts {
-        return line.leave(simd, scalar_connections, &place, line.asked, |_| FoundInLanes::NotAsked);
+        return line.leave(simd, scalar_connections, &place, line.asked, |_| FoundInLanes::Unsure);
     }
     let channels = if frame.counts { frame.channels.len() } else { 1 };
     let mut deposit = Deposit { frame, channels, paths: &place.response.as_slice()[..count], responses };
@@ -421,8 +421,8 @@ fn see_through_interfaces<S: Simd>(
             (1, _) => {
                 FoundInLanes::Known(KnownConnection { strength, towards, normal, by_facet: faceless >> i & 1 == 0 })
             }
-            (_, 0) if !among_facets => FoundInLanes::Nothing,
-            _ => FoundInLanes::Unsure,
+            (_, 1) => FoundInLanes::Unsure,
+            _ => FoundInLanes::Nothing,
         }
     });
 }
