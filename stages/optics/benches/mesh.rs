@@ -61,11 +61,32 @@ fn main() {
         solid.cut(p, w, None, &mut chords);
         chords.len() as f64
     });
-    rate("f64: refractions to the eye", &rays, |p, _| {
+    let refractions = |p: DVec3, _| {
         let mut count = 0.0;
         mesh.refractions(&Ends { far: Far::Point(eye), n_far: 1.0, near: p, n_near: 1.4 }, &mut |_| count += 1.0);
         count
-    });
+    };
+    let began = cpu_seconds();
+    refractions(rays[0].0, DVec3::Z);
+    println!("specular tree: {:.3} s to make", cpu_seconds() - began);
+    rate("refractions to the eye", &rays, refractions);
+    // Within 2 mm of the rim, as the eye sees it: where light is found last.
+    let at_rim = |&(p, w): &(DVec3, DVec3)| (DVec3::new(p.y, p.z, p.x), w);
+    let rim: Vec<(DVec3, DVec3)> = rays.iter().map(at_rim).collect();
+    rate("refractions to the eye, rim", &rim, refractions);
+    let anywhere = |i: u32| {
+        RADIUS
+            * 2.0
+            * DVec3::from(
+                philox4x32([i, 3, 0, 0], [7, 0])
+                    .map(unit)
+                    .first_chunk()
+                    .map(|u: &[f64; 3]| u.map(|u| u - 0.5))
+                    .expect("four"),
+            )
+    };
+    let all: Vec<(DVec3, DVec3)> = (0..POINTS).map(|i| (anywhere(i), DVec3::Z)).collect();
+    rate("refractions to the eye, cube", &all, refractions);
     for (name, level) in [("baseline", Level::baseline()), ("best", Level::new())] {
         println!("{name}:");
         dispatch!(level, simd => single(simd, cells, &seen, &rays));

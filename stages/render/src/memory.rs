@@ -2,14 +2,12 @@
 
 use turbid_contract::payload::{Scene, Shape};
 use turbid_contract::{Extent, Forms};
-use turbid_optics::solid::Mesh;
 
 use crate::fit::Lattice;
 use crate::method::Taken;
 use crate::params::{Allocate, Params};
 use crate::response::Layout;
 use crate::rig::Rig;
-use crate::strata::turns_at_facets;
 use crate::tail::{expected_kurtosis, is_peaked};
 use crate::trace::{ROUND, ROUND_PART};
 
@@ -26,7 +24,8 @@ pub struct Asked<'a> {
     pub made: &'a Forms,
 }
 
-/// Bytes for a triangle of a mesh: 350 while its trees are made, then 200 for its corners, its normals and its boxes in both trees; its part of the scene.
+/// Bytes for a triangle of a mesh: 350 while its trees are made, then 200 for its corners, its normals and its boxes in both trees, and 90 for cones of
+/// normals where it turns light; its part of the scene.
 const OF_TRIANGLE: u64 = 400;
 /// What each thread holds of its tile, and code and tables besides.
 const CODE_AND_TILE: u64 = 8 << 20;
@@ -82,11 +81,7 @@ pub fn memory(asked: &Asked<'_>) -> Option<u64> {
     let telling = of_layers(&["frames", "covariance", "white", "truth"]) + 4 * pixels;
     let triangles: u64 = scene.objects.values().map(|object| triangles(&object.shape)).sum();
     // The pattern as it came, and pixel by pixel.
-    let refracting =
-        if turns_at_facets(&rig.worlds[0]) { Mesh::bytes_of_refraction(1 + rig.steady[0].lamps.len()) } else { 0 };
-    let meshes = scene.objects.values().filter(|object| self::triangles(&object.shape) > 0).count() as u64;
-    let held = (triangles * OF_TRIANGLE + meshes * refracting) * channels
-        + asked.pattern.map_or(0, |pattern| 2 * pattern.bytes());
+    let held = triangles * OF_TRIANGLE * channels + asked.pattern.map_or(0, |pattern| 2 * pattern.bytes());
     Some(held + tracing.max(imaging).max(telling) + CODE_AND_TILE)
 }
 

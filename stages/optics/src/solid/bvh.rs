@@ -90,6 +90,21 @@ impl Tree {
         &self.order
     }
 
+    /// What `leaf` says of the places of each leaf, joined branch by branch: lower parts first.
+    pub fn join<T>(&self, leaf: &impl Fn(Range<usize>) -> T, join: &mut impl FnMut(T, T) -> T) -> T {
+        self.join_below(0, leaf, join)
+    }
+
+    fn join_below<T>(&self, i: usize, leaf: &impl Fn(Range<usize>) -> T, join: &mut impl FnMut(T, T) -> T) -> T {
+        let node = &self.nodes[i];
+        let first = node.first as usize;
+        if node.count > 0 {
+            return leaf(first..first + node.count as usize);
+        }
+        let (low, high) = (self.join_below(first, leaf, join), self.join_below(first + 1, leaf, join));
+        join(low, high)
+    }
+
     /// The places of the things in each of its boxes, by the box's number.
     pub fn ranges(&self) -> Vec<Range<usize>> {
         let own = |node: &Node| node.first as usize..(node.first + node.count) as usize;
@@ -134,37 +149,6 @@ impl Tree {
                     stack[top] = i;
                     top += 1;
                 }
-            }
-        }
-    }
-
-    /// The numbers of boxes that hold all that `meets` says yes to, small ones: at most `most` of them. Of leaves `leaf` is asked, too.
-    pub fn boxes_of(
-        &self,
-        most: usize,
-        meets: impl Fn(usize, DVec3, DVec3) -> bool,
-        leaf: impl Fn(Range<usize>) -> bool,
-    ) -> Vec<u32> {
-        let met = |i: &u32| {
-            let Node { low, high, first, count } = self.nodes[*i as usize];
-            meets(*i as usize, low, high) && (count == 0 || leaf(first as usize..(first + count) as usize))
-        };
-        let mut boxes: Vec<u32> = [0].into_iter().filter(met).collect();
-        // Level by level: each pass divides branches while there is room.
-        loop {
-            let (mut divided, mut next) = (false, Vec::with_capacity(boxes.len() + 1));
-            for (at, &i) in boxes.iter().enumerate() {
-                let node = &self.nodes[i as usize];
-                if node.count > 0 || next.len() + (boxes.len() - at) >= most {
-                    next.push(i);
-                } else {
-                    divided = true;
-                    next.extend([node.first, node.first + 1].into_iter().filter(met));
-                }
-            }
-            boxes = next;
-            if !divided {
-                return boxes;
             }
         }
     }

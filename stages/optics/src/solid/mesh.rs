@@ -18,9 +18,8 @@ use super::bvh::{Tree, Wide};
 use super::crossing::Ends;
 use super::facets::{Cells, ItemBuffer};
 use super::memo::Memo;
-use super::normals::{Normals, Search};
-use super::refracting::{MOST_BOXES, Refracting};
 use super::rounded::Rounded;
+use super::specular_tree::{SpecularTree, Turn};
 use super::{Chord, Start};
 use line::Line;
 
@@ -43,10 +42,7 @@ pub struct Mesh {
     half: DVec3,
     /// Made when first asked for, as is what follows.
     grid: OnceLock<Grid>,
-    /// How the normals in each box of the tree differ.
-    lies: OnceLock<Vec<Normals>>,
-    /// Where refraction towards points in each cell of a grid may be.
-    refracting: Refracting,
+    specular: OnceLock<SpecularTree>,
     rounded: OnceLock<Rounded>,
     cells: OnceLock<Option<Cells>>,
     /// From the last points that were asked for: that of the light, that of the camera.
@@ -80,12 +76,12 @@ impl Built {
 const CELLS_BYTES: usize = 40 << 20;
 const ITEM_BUFFER_BYTES: usize = 12 << 20;
 
-/// Distances from the surface at the middles of cubes that fill the bounding box.
+/// Distances from the surface at the middles of cubes that fill the bounding box, each found when first asked for.
 #[derive(Clone, Debug, PartialEq)]
 struct Grid {
     cell: f64,
     counts: [usize; 3],
-    distances: Vec<f32>,
+    distances: Vec<OnceLock<f32>>,
 }
 
 /// Where a line crosses a triangle.
@@ -126,17 +122,11 @@ impl Mesh {
             wide,
             half,
             grid: OnceLock::new(),
-            lies: OnceLock::new(),
-            refracting: Refracting::default(),
+            specular: OnceLock::new(),
             rounded: OnceLock::new(),
             cells: OnceLock::new(),
             item_buffers: Memo::default(),
         }
-    }
-
-    /// Bytes that it takes at the most for what it keeps of `sources` of light that it refracts.
-    pub fn bytes_of_refraction(sources: usize) -> u64 {
-        Refracting::bytes(sources)
     }
 
     pub fn triangles(&self) -> usize {
@@ -303,50 +293,28 @@ impl Mesh {
 
     /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.
     pub fn refractions(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
-        let ends = ends.moved(|p| p - self.center, |w| w);
-        let cell = self.refracting.cell(&ends, self.half, |middle, radius| {
-            let ends = Ends { near: middle, ..ends };
-            let search = Search::refracting(&ends).around_near(radius);
-            let may_be_on = |place: usize| search.may_be_on(&self.corners[place], self.normals[place]);
-            self.tree.boxes_of(MOST_BOXES, self.may_be_in(&search), |mut places| places.any(may_be_on))
-        });
-        let on = |corners: &_, normal| ends.through_facet(corners, normal);
-        self.places(&Search::refracting(&ends), cell.unwrap_or(&[0]), on, found);
+        self.turns(ends, Turn::Refraction, Ends::through_facet, found);
     }
 
     /// The same of the law of reflection, on either side of them.
     pub fn reflections(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
-        let ends = ends.moved(|p| p - self.center, |w| w);
-        let search = Search::reflecting(&ends);
-        let on =
-            |corners: &_, normal| search.may_be_on(corners, normal).then(|| ends.by_facet(corners, normal)).flatten();
-        self.places(&search, &[0], on, found);
+        self.turns(ends, Turn::Reflection, Ends::by_facet, found);
     }
 
-    /// What a search says of the boxes of the tree.
-    fn may_be_in(&self, search: &Search<'_>) -> impl Fn(usize, DVec3, DVec3) -> bool {
-        let lies = self.lies.get_or_init(|| {
-            self.tree.ranges().into_iter().map(|range| Normals::around(&self.normals[range])).collect()
-        });
-        |i, low, high| search.may_be_in(low, high, &lies[i])
-    }
-
-    /// What `on` finds on facets of these boxes of the tree, where the search lets it look.
-    fn places(
+    /// What `on` finds on facets.
+    fn turns(
         &self,
-        search: &Search<'_>,
-        boxes: &[u32],
-        on: impl Fn(&[DVec3; 3], DVec3) -> Option<DVec3>,
+        ends: &Ends,
+        turn: Turn,
+        on: impl Fn(&Ends, &[DVec3; 3], DVec3) -> Option<DVec3>,
         found: &mut dyn FnMut(DVec3),
     ) {
+        let ends = ends.moved(|p| p - self.center, |w| w);
+        let over_all = || SpecularTree::over(&self.tree, &self.corners, &self.normals, self.half.max_element());
         let mut all = Vec::new();
-        for &root in boxes {
-            self.tree.visit_below(root, self.may_be_in(search), |places| {
-                for place in places {
-                    all.extend(on(&self.corners[place], self.normals[place]).map(|p| p + self.center));
-                }
-            });
-        }
+        self.specular.get_or_init(over_all).visit(&ends, turn, |place| {
+            all.extend(on(&ends, &self.corners[place], self.normals[place]).map(|p| p + self.center));
+        });
         // Sums over them are rounded alike whatever the tree.
         all.sort_unstable_by(|p, q| {
             let axes = [0, 1, 2].map(|axis| p[axis].total_cmp(&q[axis]));
@@ -364,8 +332,8 @@ impl Mesh {
         if outside > self.half.max_element() {
             return (outside - rounding).max(0.0);
         }
-        let grid = self.grid.get_or_init(|| Grid::around(self));
-        let (bound, at_most) = grid.at(q, self.half);
+        let grid = self.grid.get_or_init(|| Grid::over(self.half));
+        let (bound, at_most) = grid.at(q, self);
         let clear = if bound > grid.cell { bound } else { self.distance(q, at_most).max(bound) };
         (clear.max(outside) - rounding).max(0.0)
     }
@@ -380,19 +348,10 @@ impl Mesh {
 }
 
 impl Grid {
-    fn around(mesh: &Mesh) -> Self {
-        let cell = 2.0 * mesh.half.max_element() / CELLS;
-        let counts = (2.0 * mesh.half / cell).to_array().map(|n| (n.ceil() as usize).max(1));
-        let mut grid = Self { cell, counts, distances: Vec::with_capacity(counts.iter().product()) };
-        for i in 0..counts.iter().product() {
-            let place = [i % counts[0], i / counts[0] % counts[1], i / counts[0] / counts[1]];
-            let q = grid.middle(place, mesh.half);
-            // The neighbour's distance and the way from it bound this one.
-            let known = if place[0] > 0 { f64::from(grid.distances[i - 1]) + cell } else { f64::INFINITY };
-            let distance = mesh.distance(q, known * (1.0 + 1e-6)) as f32;
-            grid.distances.push(distance);
-        }
-        grid
+    fn over(half: DVec3) -> Self {
+        let cell = 2.0 * half.max_element() / CELLS;
+        let counts = (2.0 * half / cell).to_array().map(|n| (n.ceil() as usize).max(1));
+        Self { cell, counts, distances: vec![OnceLock::new(); counts.iter().product()] }
     }
 
     fn middle(&self, place: [usize; 3], half: DVec3) -> DVec3 {
@@ -401,12 +360,14 @@ impl Grid {
 
     /// Bounds of the distance from the surface at `q`: at least, at most.
     #[inline]
-    fn at(&self, q: DVec3, half: DVec3) -> (f64, f64) {
-        let scaled = (q + half) / self.cell;
+    fn at(&self, q: DVec3, mesh: &Mesh) -> (f64, f64) {
+        let scaled = (q + mesh.half) / self.cell;
         // A negative number becomes 0.
         let place = [0, 1, 2].map(|axis| (scaled[axis] as usize).min(self.counts[axis] - 1));
         let index = place[0] + self.counts[0] * (place[1] + self.counts[1] * place[2]);
-        let (distance, away) = (f64::from(self.distances[index]), (q - self.middle(place, half)).length());
+        let middle = self.middle(place, mesh.half);
+        let distance = *self.distances[index].get_or_init(|| mesh.distance(middle, f64::INFINITY) as f32);
+        let (distance, away) = (f64::from(distance), (q - middle).length());
         // f32 rounds by 6e-8.
         (distance * (1.0 - 1e-7) - away, distance * (1.0 + 1e-7) + away)
     }

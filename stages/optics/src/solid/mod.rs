@@ -13,12 +13,11 @@ pub mod facets;
 mod frame;
 mod memo;
 pub mod mesh;
-mod normals;
 mod patch;
 mod reflection;
-mod refracting;
 mod rounded;
 mod shapes;
+mod specular_tree;
 
 pub use carved::Carved;
 pub use crossing::{Ends, Far};

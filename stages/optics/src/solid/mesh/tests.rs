@@ -16,8 +16,8 @@ fn cube(i: u32) -> DVec3 {
     2.0 * DVec3::new(unit(a), unit(b), unit(c)) - 1.0
 }
 
-/// What the tree finds, from its root or from what it keeps for cells of a grid (four lights), is what the planes of all facets, asked one by
-/// one, say: points inside and outside, near and far, light from points and from infinity, either side the denser, by a little or by much.
+/// What the tree finds is what the planes of all facets, asked one by one, say: points inside and outside, near and far, light from points, from
+/// far away and from infinity, either side the denser, by a little or by much, meshes of 1e-9 to 1e9 mm.
 /// Snell's law holds there in vectors to 1e-12, the ends being on opposite sides.
 #[test]
 fn no_facet_that_turns_light_is_left_out() {
@@ -27,18 +27,22 @@ fn no_facet_that_turns_light_is_left_out() {
         ("ring", shapes::ring(0.4, 1.0, 0.3, 200)),
     ];
     let indices = [(1.0, 1.4), (1.4, 1.0), (1.0, 1.001), (2.5, 1.0), (1.0, 2.5), (1.33, 1.4)];
-    for ((name, (vertices, triangles)), lights) in meshes.iter().flat_map(|mesh| [(mesh, 3000), (mesh, 4)]) {
-        let mesh = Mesh::new(vertices, triangles);
+    for ((name, (vertices, triangles)), scale) in
+        meshes.iter().flat_map(|mesh| [(mesh, 1.0), (mesh, 1e-9), (mesh, 1e9)])
+    {
+        let vertices: Vec<_> = vertices.iter().map(|v| v.map(|x| scale * x)).collect();
+        let mesh = Mesh::new(&vertices, triangles);
         let (mut seen, mut several) = (0, 0);
         for i in 0..3000_u32 {
-            let light = i % lights;
-            let (near, place) = ([1.0, 1.0, 3.0, 1.0, 30.0][i as usize % 5] * cube(2 * i), cube(2 * light + 1));
-            let far = match light % 4 {
+            let near = scale * [1.0, 1.0, 3.0, 1.0, 30.0][i as usize % 5] * cube(2 * i);
+            let place = cube(2 * i + 1);
+            let far = match i % 4 {
                 0 => Far::Direction(place.normalize()),
-                1 => Far::Point(1.5 * place),
-                _ => Far::Point(50.0 * place),
+                1 => Far::Point(1.5 * scale * place),
+                2 => Far::Point(50.0 * scale * place),
+                _ => Far::Point(1e8 * scale * place),
             };
-            let (n_far, n_near) = indices[light as usize % indices.len()];
+            let (n_far, n_near) = indices[i as usize % indices.len()];
             let (ends, mirrored) = (Ends { far, n_far, near, n_near }, Ends::alike(far, near));
             let about = |ends: &Ends| ends.moved(|p| p - mesh.center, |w| w);
             let sort = |mut list: Vec<[f64; 3]>| {
@@ -69,7 +73,7 @@ fn no_facet_that_turns_light_is_left_out() {
                     let off = (ends.n_far * a + ends.n_near * b).cross(normal).length();
                     // A direction from p has as many digits as the distance, of what the coordinates have.
                     let nearest = 1.0 / far.from(p).1.max(1.0 / (near - p).length());
-                    let size = near.abs().max_element().max(1.0);
+                    let size = near.abs().max_element().max(scale);
                     assert!(off < 1e-12 + 1e-15 * size / nearest, "{name} {i}: {off}, {ends:?}");
                     assert!(side * a.dot(normal) * b.dot(normal) > 0.0, "{name} {i}");
                     expected.push(p.to_array());
