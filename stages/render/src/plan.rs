@@ -33,11 +33,13 @@ const VARIANCE_PER_PATH: f64 = 4.0;
 
 /// What a path costs where smooth interfaces turn light, over what it costs elsewhere (measured at n = 1.4: 131 s against 21 s to 1 % of M_AC).
 const REFRACTED: f64 = 5.0;
-/// ns more per path where interfaces are curved or tilted, or facets, and each estimate finds its connections by itself (measured; see docs/theory/render.md).
+/// ns more per path where interfaces are curved or tilted, or facets, and each estimate finds its connections by itself (measured at a half-embedded ball: 62 us a
+/// path in all, of 1280 facets 130, of 81,920 facets 220; see docs/theory/render.md).
 const NS_AT_INTERFACES: f64 = 6e4;
-/// The same where lanes find the connections, but for those that are left to manifold sampling (measured: 17 us at a half-embedded ball).
-const NS_AT_BULGES: f64 = 1.7e4;
-const NS_AT_FACETS: f64 = 4e5;
+const NS_AT_FACETS: f64 = 1.6e5;
+/// The same where lanes find the connections, but for those that are left to manifold sampling (2.9 us a path in all, of 1280 facets 10, of 81,920 facets 15).
+const NS_AT_BULGES: f64 = 1e3;
+const NS_AT_FACETS_IN_LANES: f64 = 1e4;
 
 /// ns for each pixel and response after the paths: of a fit (measured with 300 x 300 and 500 x 500 pixels), and of pixels by their own paths
 /// (300 x 300).
@@ -272,11 +274,18 @@ pub fn ns_per_path(scene: &Scene, rig: Option<&Rig>) -> f64 {
     let refracts =
         |o: &Object| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
     let per_path = if scene.objects.values().any(refracts) { REFRACTED * per_path } else { per_path };
-    let at_interfaces = |world: &World| match Bending::of(world) {
-        Bending::AtInterfaces if turns_at_facets(world) => NS_AT_FACETS,
-        Bending::AtInterfaces if bulges(world) && Mirrors::of(world).is_empty() => NS_AT_BULGES,
-        Bending::AtInterfaces => NS_AT_INTERFACES,
-        _ => 0.0,
+    let at_interfaces = |world: &World| {
+        if Bending::of(world) != Bending::AtInterfaces {
+            return 0.0;
+        }
+        let in_lanes = bulges(world) && Mirrors::of(world).is_empty();
+        match (turns_at_facets(world), in_lanes) {
+            // Channels that share paths look for facets one by one.
+            (true, true) if scene.channels() == 1 => NS_AT_FACETS_IN_LANES,
+            (true, _) => NS_AT_FACETS,
+            (false, true) => NS_AT_BULGES,
+            (false, false) => NS_AT_INTERFACES,
+        }
     };
     per_path + rig.map_or(0.0, |rig| at_interfaces(&rig.worlds[0]))
 }

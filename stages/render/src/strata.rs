@@ -78,12 +78,12 @@ pub fn is_flat(world: &World) -> bool {
     world.bodies.iter().all(|body| world.materials[body.material].is_opaque() || flat(&body.solid))
 }
 
-/// Whether all that bends light is the interfaces of few whole bodies of one refractive index that bulge outwards: f32 lanes find the connections.
+/// Whether all that bends light is the interfaces of few whole bodies of one refractive index that bulge outwards, or facets: f32 lanes find the connections.
 pub fn bulges(world: &World) -> bool {
     let n = |body: &Body| world.materials[body.material].n;
     let bends = world.bodies.iter().filter(|body| !world.materials[body.material].is_opaque());
     let first = bends.clone().next().map_or(1.0, n);
-    let whole = |body: &Body| !matches!(body.solid, Solid::Turned(_) | Solid::Carved(_) | Solid::Mesh(_));
+    let whole = |body: &Body| !matches!(body.solid, Solid::Turned(_) | Solid::Carved(_));
     first > 1.0
         && world.bodies.len() <= MOST_BODIES
         && bends.clone().all(|body| n(body) == first)
