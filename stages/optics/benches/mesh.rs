@@ -75,15 +75,8 @@ fn main() {
     let rim: Vec<(DVec3, DVec3)> = rays.iter().map(at_rim).collect();
     rate("refractions to the eye, rim", &rim, refractions);
     let anywhere = |i: u32| {
-        RADIUS
-            * 2.0
-            * DVec3::from(
-                philox4x32([i, 3, 0, 0], [7, 0])
-                    .map(unit)
-                    .first_chunk()
-                    .map(|u: &[f64; 3]| u.map(|u| u - 0.5))
-                    .expect("four"),
-            )
+        let [x, y, z, _] = philox4x32([i, 3, 0, 0], [7, 0]).map(|u| RADIUS * (2.0 * unit(u) - 1.0));
+        DVec3::new(x, y, z)
     };
     let all: Vec<(DVec3, DVec3)> = (0..POINTS).map(|i| (anywhere(i), DVec3::Z)).collect();
     rate("refractions to the eye, cube", &all, refractions);

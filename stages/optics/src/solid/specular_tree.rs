@@ -15,15 +15,14 @@
 use std::ops::Range;
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, f32x16};
+use fearless_simd::{Level, Simd};
 use glam::DVec3;
 
 use super::bvh::Tree;
 use super::crossing::{Ends, Far};
+use super::facets::{F, LANES, V, dot};
 use crate::at_level;
 
-/// Spheres of a node.
-const WIDE: usize = 16;
 /// In the list of what is in spheres: a facet, not a node.
 const FACET: u32 = 1 << 31;
 /// Rounding of single precision, each many times what it comes to: of directions and cosines (rad) ...
@@ -32,9 +31,6 @@ const ROUNDING: f32 = 2e-6;
 const SLACK: f64 = 4e-7;
 /// An end farther than this is one at infinity, in the same unit.
 const FAR: f64 = 1e7;
-
-type F<S> = f32x16<S>;
-type V<S> = [f32x16<S>; 3];
 
 /// Over facets, which it knows by their places in the tree that it is made of.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,14 +44,14 @@ pub(super) struct SpecularTree {
 #[derive(Clone, Debug, PartialEq)]
 #[repr(align(64))]
 struct Node {
-    center: [[f32; WIDE]; 3],
-    radius: [f32; WIDE],
-    axis: [[f32; WIDE]; 3],
+    center: [[f32; LANES]; 3],
+    radius: [f32; LANES],
+    axis: [[f32; LANES]; 3],
     /// Of half the opening of a cone; a cosine of -1 where normals differ by a right angle and more.
-    cos: [f32; WIDE],
-    sin: [f32; WIDE],
+    cos: [f32; LANES],
+    sin: [f32; LANES],
     /// A facet with `FACET`, or the number of a node.
-    inside: [u32; WIDE],
+    inside: [u32; LANES],
     count: u32,
 }
 
@@ -107,7 +103,7 @@ impl SpecularTree {
         };
         let (top, _) = tree.join(&leaf, &mut |(mut some, low): (Vec<Sphere>, _), (mut others, high)| {
             // The larger part becomes a node, of at least nine spheres, so that few of its lanes are idle.
-            while some.len() + others.len() > WIDE {
+            while some.len() + others.len() > LANES {
                 let (full, places) = if some.len() >= others.len() { (&mut some, &low) } else { (&mut others, &high) };
                 let inside = made.push(full);
                 *full = vec![Sphere { inside, ..Sphere::around(&corners[places.clone()], &normals[places.clone()]) }];
@@ -130,7 +126,7 @@ impl SpecularTree {
 
     #[inline(always)]
     fn collect<S: Simd>(&self, simd: S, question: &Question, facets: &mut Vec<u32>) {
-        let mut open = Vec::with_capacity(4 * WIDE);
+        let mut open = Vec::with_capacity(4 * LANES);
         open.push(self.nodes.len() as u32 - 1);
         simd.vectorize(
             #[inline(always)]
@@ -153,14 +149,14 @@ impl SpecularTree {
     }
 
     fn push(&mut self, spheres: &[Sphere]) -> u32 {
-        let nothing = [0.0; WIDE];
+        let nothing = [0.0; LANES];
         let mut node = Node {
             center: [nothing; 3],
             radius: nothing,
             axis: [nothing; 3],
             cos: nothing,
             sin: nothing,
-            inside: [0; WIDE],
+            inside: [0; LANES],
             count: spheres.len() as u32,
         };
         for (i, sphere) in spheres.iter().enumerate() {
@@ -278,11 +274,6 @@ impl Node {
     }
 }
 
-#[inline(always)]
-fn dot<S: Simd>(a: &V<S>, b: &V<S>) -> F<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -334,7 +325,7 @@ mod tests {
         assert!(turned > 1000 && asked < 20 * turned, "{turned} turned, {asked} asked");
     }
 
-    /// Every node but the first has nine spheres or more, whatever is where: memory follows from that.
+    /// Every node but the one above all others has nine spheres or more, whatever is where: memory follows from that.
     #[test]
     fn nodes_are_full() {
         for count in [1, 16, 17, 1000, 3000] {

@@ -7,7 +7,7 @@ use super::block::Crossing;
 
 pub const LANES: usize = 16;
 
-pub(super) type F<S> = f32x16<S>;
+pub(in super::super) type F<S> = f32x16<S>;
 pub(super) type U<S> = u32x16<S>;
 pub(super) type M<S> = mask32x16<S>;
 /// Three coordinates.
@@ -62,7 +62,7 @@ pub fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
 }
 
 #[inline(always)]
-pub(super) fn dot<S: Simd>(a: &V<S>, b: &V<S>) -> F<S> {
+pub(in super::super) fn dot<S: Simd>(a: &V<S>, b: &V<S>) -> F<S> {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 

@@ -14,3 +14,4 @@ pub use block::Crossing;
 pub use cells::Cells;
 pub use item_buffer::ItemBuffer;
 pub use lanes::{Crossings, LANES, Rays, V, bits};
+pub(super) use lanes::{F, dot};
