@@ -51,7 +51,7 @@ pub struct Meeting<S: Simd> {
     pub reflectance: F<S>,
 }
 
-/// A camera's ray that comes through the plane.
+/// A camera's ray that comes through the plane, or into a body.
 pub enum Entrance {
     /// It goes on like this, from this place.
     In(DVec3, DVec3),

@@ -24,8 +24,7 @@ impl Copies {
     }
 
     /// Copies of a path after a collision, whose random numbers are their own from there on; see `Walker::push_copies`.
-    pub fn add(&mut self, lane: usize, mut copy: PathRow, numbers: Range<u32>, key: [u32; 2], high: u32) {
-        let stream = Stream::new(key, copy.pixel, copy.sample, high >> 16);
+    pub fn add(&mut self, lane: usize, mut copy: PathRow, numbers: Range<u32>, stream: Stream) {
         let last = u64::from(copy.number - 2);
         for number in numbers {
             let [sample, a, b, _] = stream.block(Purpose::Copy(last, number));

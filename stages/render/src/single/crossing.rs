@@ -76,7 +76,7 @@ impl<S: Simd> Packet<'_, S> {
                 lengths,
             },
         );
-        estimate_while(simd, &mut self.next_events, LANES, frame, self.key, self.high, responses);
+        estimate_while(simd, &mut self.next_events, LANES, frame, responses);
     }
 }
 

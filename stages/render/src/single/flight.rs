@@ -2,10 +2,11 @@
 
 use fearless_simd::prelude::*;
 
-use super::frame::Frame;
+use super::frame::{Frame, Leaving};
+use super::free_flight::{Draw, FreeFlight};
 use super::ground::Passage;
 use super::in_flight::Packet;
-use super::lane::{F, LANES, M, U, V, choose, ln, philox, spare, splat, unit, unit_short};
+use super::lane::{F, LANES, M, U, V, choose, spare, splat, unit_short};
 use super::light_branch::sends;
 use super::limits::TURNED;
 use super::next_event::{estimate_while, inverse_survival};
@@ -44,28 +45,6 @@ pub(super) struct Flight<S: Simd> {
     pub(super) mirrored: V<S>,
 }
 
-/// A flight to where the path is scattered next if it stays in its medium: fields as of a [`Flight`], and where that is.
-#[derive(Clone, Copy)]
-struct FreeFlight<S: Simd> {
-    random: [U<S>; 4],
-    tau: F<S>,
-    s: F<S>,
-    r: V<S>,
-    passage: Passage<S>,
-}
-
-impl<S: Simd> FreeFlight<S> {
-    #[inline(always)]
-    fn of(simd: S, frame: &Frame<'_>, start: &PathLanes<S>, (key, high): ([u32; 2], u32)) -> Self {
-        let random = philox(simd, start.number, U::splat(simd, high), start.sample, start.pixel, key);
-        let tau = -ln(unit(random[0]));
-        let s = tau * start.free_path;
-        let r = start.r.plus(s, start.w);
-        let passage = frame.ground.pass(simd, start.body, start.r, start.w, s, r);
-        Self { random, tau, s, r, passage }
-    }
-}
-
 /// Lanes, by bits, after a flight.
 pub(super) struct Outcome {
     /// How many flights were made.
@@ -79,11 +58,11 @@ pub(super) struct Outcome {
 }
 
 /// What becomes of paths at the end of a flight.
-struct Fate<S: Simd> {
+pub(super) struct Fate<S: Simd> {
     /// They are left to the scalar walker; they are scattered, or reflected, and go on.
-    divergent: M<S>,
-    goes_on: M<S>,
-    out: M<S>,
+    pub(super) divergent: M<S>,
+    pub(super) goes_on: M<S>,
+    pub(super) out: M<S>,
     /// Those that go on are asked for next-event estimation, with a uniform random number against the optical distance of the nearest surface.
     next_events: M<S>,
     roulette: F<S>,
@@ -91,36 +70,20 @@ struct Fate<S: Simd> {
 }
 
 impl<S: Simd> Packet<'_, S> {
-    /// A flight of every lane that lives; in plain frames all up to the first one that does not stay in its medium, ends, or fills the queue of next events.
+    /// A flight of every lane that lives; in plain frames all until one does not stay in its medium (where that does not end its path), lanes are to be filled,
+    /// or the queue of next events is full.
     #[inline(always)]
     pub(super) fn fly(&mut self, branching: bool, responses: &mut [f64]) -> Outcome {
         let (simd, frame) = (self.simd, self.frame);
-        let (mut start, alive) = (self.path, M::from_bitmask(simd, self.alive));
-        let mut flights = 0;
-        let free = loop {
-            let free = FreeFlight::of(simd, frame, &start, (self.key, self.high));
-            if !frame.plain || (free.passage.crosses & alive).any_true() {
-                break free;
-            }
-            let mut flight = Flight::of(simd, start, alive, free);
-            let fate = flight.fate::<true>(frame, branching);
-            if fate.divergent.any_true() {
-                break free;
-            }
-            flights += self.alive.count_ones() as usize;
-            let own = flight.scattered(frame);
-            self.queue_next_events::<true>(&flight, &fate, own, responses);
-            start.go_on(fate.goes_on, &PathLanes { w: own, number: start.number + 2, ..flight.end });
-            let goes_on = fate.goes_on.to_bitmask();
-            if goes_on != self.alive || self.next_events.vertices.len() >= LANES {
-                self.alive = goes_on;
-                self.path.moved(&start);
-                return Outcome { flights, divergent: 0, connecting: 0, out: 0 };
-            }
+        let (flights, free) = match frame.leaving {
+            _ if !frame.plain => (0, Some(FreeFlight::of(frame, &self.path, Draw::of(simd, frame, 0, &self.path)))),
+            Leaving::Unknown => self.within::<false, false>(branching, responses),
+            Leaving::Ends => self.within::<true, false>(branching, responses),
+            Leaving::Plane => self.within::<true, true>(branching, responses),
         };
-        self.path.moved(&start);
-        flights += self.alive.count_ones() as usize;
-        let mut flight = Flight::of(simd, start, alive, free);
+        let Some(free) = free else { return Outcome { flights, divergent: 0, connecting: 0, out: 0 } };
+        let flights = flights + self.alive.count_ones() as usize;
+        let mut flight = Flight::of(simd, self.path, M::from_bitmask(simd, self.alive), free);
         flight.pass_meshes(frame);
         if frame.others {
             self.ask(&mut flight);
@@ -150,7 +113,8 @@ impl<S: Simd> Packet<'_, S> {
         let fate = flight.fate::<false>(frame, branching);
         let own = flight.mirrored.or(flight.turned, flight.scattered(frame));
         flight.turned &= fate.goes_on;
-        self.queue_next_events::<false>(&flight, &fate, own, responses);
+        self.queue_turned(&flight, own, responses);
+        self.queue_next_events(&flight, &fate, own);
         let mis_weight = self.queue_light_branches(&flight, &fate, own, branching);
         if (frame.lamps || !frame.next_events) && fate.next_events.any_true() {
             self.set_aside(&flight, &fate, own);
@@ -174,25 +138,24 @@ impl<S: Simd> Packet<'_, S> {
         flight.passage.clear = flight.passage.clear.min(flight.start.known_clear - flight.s);
     }
 
-    /// Reflected paths are estimated along their flight to come, scattered ones from where they are.
+    /// Reflected paths are estimated along their flight to come.
     #[inline(always)]
-    fn queue_next_events<const WITHIN: bool>(
-        &mut self,
-        flight: &Flight<S>,
-        fate: &Fate<S>,
-        own: V<S>,
-        responses: &mut [f64],
-    ) {
+    pub(super) fn queue_turned(&mut self, flight: &Flight<S>, own: V<S>, responses: &mut [f64]) {
         let (simd, frame) = (self.simd, self.frame);
-        let (Flight { start, end, turned, .. }, zero) = (flight, splat(simd, 0.0));
-        if !WITHIN && !frame.blind && turned.any_true() {
+        let (Flight { start, turned, .. }, zero) = (flight, splat(simd, 0.0));
+        if !frame.blind && turned.any_true() {
             let vertex = VertexLanes { came: own, weight: start.weight, ..flight.vertex(own, zero, zero) };
             self.next_events.vertices.pack(*turned, &VertexLanes { number: vertex.number | TURNED, ..vertex });
-            estimate_while(simd, &mut self.next_events, LANES, frame, self.key, self.high, responses);
+            estimate_while(simd, &mut self.next_events, LANES, frame, responses);
         }
-        if frame.next_events && fate.next_events.any_true() {
+    }
+
+    /// Scattered paths are estimated from where they are.
+    #[inline(always)]
+    pub(super) fn queue_next_events(&mut self, flight: &Flight<S>, fate: &Fate<S>, own: V<S>) {
+        if self.frame.next_events && fate.next_events.any_true() {
             let vertex = flight.vertex(own, fate.roulette, fate.least);
-            let weight = end.weight * start.mis_weight;
+            let weight = flight.end.weight * flight.start.mis_weight;
             self.next_events.vertices.pack(fate.next_events, &VertexLanes { weight, ..vertex });
         }
     }
@@ -241,8 +204,8 @@ impl<S: Simd> Packet<'_, S> {
 impl<S: Simd> Flight<S> {
     /// As far as it is free.
     #[inline(always)]
-    fn of(simd: S, start: PathLanes<S>, alive: M<S>, free: FreeFlight<S>) -> Self {
-        let FreeFlight { random, tau, s, r, passage } = free;
+    pub(super) fn of(simd: S, start: PathLanes<S>, alive: M<S>, free: FreeFlight<S>) -> Self {
+        let FreeFlight { draw: Draw { random, tau }, s, r, passage } = free;
         let no = M::splat(simd, false);
         Self {
             simd,
@@ -296,7 +259,7 @@ impl<S: Simd> Flight<S> {
 
     /// Absorption, roulette, and who goes on.
     #[inline(always)]
-    fn fate<const WITHIN: bool>(&mut self, frame: &Frame<'_>, branching: bool) -> Fate<S> {
+    pub(super) fn fate<const WITHIN: bool>(&mut self, frame: &Frame<'_>, branching: bool) -> Fate<S> {
         let (simd, start, alive) = (self.simd, &self.start, self.alive);
         let flight = if branching { start.number & (LIGHT_BRANCH - 1) } else { start.number };
         let far = self.end.r.dot(self.end.r).simd_gt(frame.range_squared) | flight.simd_ge(LATE);
@@ -380,7 +343,7 @@ impl<S: Simd> Flight<S> {
 
     /// Where those go on that are scattered at the end.
     #[inline(always)]
-    fn scattered(&self, frame: &Frame<'_>) -> V<S> {
+    pub(super) fn scattered(&self, frame: &Frame<'_>) -> V<S> {
         let [_, b, c, _] = self.random;
         let phase = frame.phase_of_media(self.simd, self.end.g, self.end.material);
         phase.sample(self.start.w, unit_short(b), unit_short(c))
@@ -413,7 +376,7 @@ impl<S: Simd> Flight<S> {
 impl<S: Simd> PathLanes<S> {
     /// Those of `mask` become `end`, which is in the same medium; of plain frames.
     #[inline(always)]
-    fn go_on(&mut self, mask: M<S>, end: &Self) {
+    pub(super) fn go_on(&mut self, mask: M<S>, end: &Self) {
         self.r = end.r.or(mask, self.r);
         self.w = end.w.or(mask, self.w);
         self.absorption_depth = choose(mask, end.absorption_depth, self.absorption_depth);
@@ -424,7 +387,7 @@ impl<S: Simd> PathLanes<S> {
 
     /// Takes over what [`Self::go_on`] may have changed.
     #[inline(always)]
-    fn moved(&mut self, path: &Self) {
+    pub(super) fn moved(&mut self, path: &Self) {
         let Self { r, w, absorption_depth, absorption_lost, weight, number, .. } = *path;
         *self = Self { r, w, absorption_depth, absorption_lost, weight, number, ..*self };
     }

@@ -7,11 +7,24 @@ use super::bend::Plane;
 use super::face::Interfaces;
 use super::ground::{Ground, Part};
 use super::image_lookup::ImageLookup;
-use super::lane::{F, U, V, splat};
+use super::lane::{F, RoundKeys, U, V, splat};
 use super::phase_function::{Phase, Second};
 use super::refusal::Refusal;
+use super::rows::PathRow;
 use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
+use crate::random::Stream;
+
+/// What becomes of paths that leave their body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Leaving {
+    /// There may be other bodies, or it is not convex, or its surface is not known well enough.
+    Unknown,
+    /// Nothing else is there, and they end.
+    Ends,
+    /// They end unless its surface, a plane, reflects them.
+    Plane,
+}
 
 /// A world and a light as the lanes see them.
 #[derive(Clone, Debug)]
@@ -53,6 +66,9 @@ pub struct Frame<'a> {
     pub worth: Vec<f32>,
     /// Whether they turn flights in lanes, too.
     pub turns: bool,
+    /// Of its random numbers: the keys of Philox's rounds, and the channel as it stands in the counter.
+    pub keys: RoundKeys,
+    pub channel: u32,
     /// Block of random numbers of a path's first flight within a medium: where light bends the one before brings it through the plane.
     pub first: u32,
     /// Whether next-event estimation goes in lanes: few enough bodies that lanes know.
@@ -62,6 +78,7 @@ pub struct Frame<'a> {
     /// Whether flights that stay in their medium are plain: no meshes, no surfaces that lanes do not know, no lamps that are connected one by one, no
     /// weight windows, no light-directed branches, no lengths to count.
     pub plain: bool,
+    pub leaving: Leaving,
     /// Whether there is nothing to connect to: no light but from infinity.
     pub blind: bool,
     /// Whether there are lamps that are connected one by one.
@@ -151,6 +168,11 @@ impl Frame<'_> {
             #[inline(always)]
             |j| body.simd_eq(j),
         )
+    }
+
+    /// The random numbers of a path.
+    pub(crate) fn stream(&self, path: &PathRow) -> Stream {
+        Stream::new(self.keys.key(), path.pixel, path.sample, self.channel >> 16)
     }
 
     /// In local coordinates.

@@ -8,15 +8,11 @@ use super::lane::LANES;
 use super::light_branch::LightBranches;
 use super::next_event::NextEvents;
 use super::rows::{PathLanes, Paths};
-use crate::setting::Setting;
 
 /// The paths in flight.
 pub(super) struct Packet<'a, S: Simd> {
     pub(super) simd: S,
     pub(super) frame: &'a Frame<'a>,
-    /// Key of the random numbers, and what goes with each purpose of theirs.
-    pub(super) key: [u32; 2],
-    pub(super) high: u32,
     pub(super) path: PathLanes<S>,
     /// By bits.
     pub(super) alive: u64,
@@ -42,13 +38,11 @@ pub(super) struct Packet<'a, S: Simd> {
 
 impl<'a, S: Simd> Packet<'a, S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, frame: &'a Frame<'a>, setting: &Setting<'_>, paths: usize) -> Self {
+    pub(super) fn new(simd: S, frame: &'a Frame<'a>, paths: usize) -> Self {
         let counted = frame.counts;
         Self {
             simd,
             frame,
-            key: setting.key,
-            high: setting.channel << 16,
             path: PathLanes::zeros(simd),
             alive: 0,
             asking: 0,

@@ -166,15 +166,33 @@ pub fn sin_cos_turns<S: Simd>(turns: F<S>) -> (F<S>, F<S>) {
     )
 }
 
+/// Keys of the rounds of Philox4x32-10.
+#[derive(Clone, Copy, Debug)]
+pub struct RoundKeys([[u64; 2]; 10]);
+
+impl RoundKeys {
+    pub fn of(key: [u32; 2]) -> Self {
+        let steps = [0x9E37_79B9_u32, 0xBB67_AE85];
+        Self(std::array::from_fn(|i| {
+            std::array::from_fn(|k| u64::from(key[k].wrapping_add(steps[k].wrapping_mul(i as u32))))
+        }))
+    }
+
+    /// The key itself, which is that of the first round.
+    pub fn key(&self) -> [u32; 2] {
+        self.0[0].map(|half| half as u32)
+    }
+}
+
 /// Four random numbers in each lane: Philox4x32-10 of `turbid_optics::philox` at (number, high, sample, pixel).
 #[inline(always)]
-pub fn philox<S: Simd>(simd: S, number: U<S>, high: U<S>, sample: U<S>, pixel: U<S>, key: [u32; 2]) -> [U<S>; 4] {
+pub fn philox<S: Simd>(simd: S, number: U<S>, high: U<S>, sample: U<S>, pixel: U<S>, keys: &RoundKeys) -> [U<S>; 4] {
     apart::<S, _>(
         #[inline(always)]
         || {
             let (n, h) = (simd.widen_u32x16(number), simd.widen_u32x16(high));
             let (s, p) = (simd.widen_u32x16(sample), simd.widen_u32x16(pixel));
-            let (low, upper) = (rounds([n.0, h.0, s.0, p.0], key), rounds([n.1, h.1, s.1, p.1], key));
+            let (low, upper) = (rounds([n.0, h.0, s.0, p.0], keys), rounds([n.1, h.1, s.1, p.1], keys));
             // No `map`: what is not inlined loses the vector instructions.
             [
                 simd.narrow_u64x8(low[0], upper[0]),
@@ -188,12 +206,11 @@ pub fn philox<S: Simd>(simd: S, number: U<S>, high: U<S>, sample: U<S>, pixel: U
 
 /// In words of 64 bits, of which the upper halves hold what the products left: the next product does not look at them.
 #[inline(always)]
-fn rounds<S: Simd>(mut c: [u64x8<S>; 4], mut key: [u32; 2]) -> [u64x8<S>; 4] {
+fn rounds<S: Simd>(mut c: [u64x8<S>; 4], keys: &RoundKeys) -> [u64x8<S>; 4] {
     const LOW: u64 = 0xFFFF_FFFF;
-    for _ in 0..10 {
+    for [a, b] in keys.0 {
         let (p0, p1) = ((c[0] & LOW) * 0xD251_1F53, (c[2] & LOW) * 0xCD9E_8D57);
-        c = [(p1 >> 32) ^ c[1] ^ u64::from(key[0]), p1, (p0 >> 32) ^ c[3] ^ u64::from(key[1]), p0];
-        key = [key[0].wrapping_add(0x9E37_79B9), key[1].wrapping_add(0xBB67_AE85)];
+        c = [(p1 >> 32) ^ c[1] ^ a, p1, (p0 >> 32) ^ c[3] ^ b, p0];
     }
     c
 }
@@ -320,7 +337,7 @@ mod tests {
     #[inline(always)]
     fn draw<S: Simd>(simd: S, n: [u32; LANES], s: [u32; LANES], p: [u32; LANES]) -> [[u32; LANES]; 4] {
         let [n, s, p] = [n, s, p].map(|x| U::load_array(simd, x));
-        philox(simd, n, U::splat(simd, 3 << 16), s, p, [5, 0xFFFF_FFFF]).map(|x| x.to_array())
+        philox(simd, n, U::splat(simd, 3 << 16), s, p, &RoundKeys::of([5, 0xFFFF_FFFF])).map(|x| x.to_array())
     }
 
     /// Angles and lengths after a turn, from every start, to a few roundings; and a walk of a million turns keeps its length.

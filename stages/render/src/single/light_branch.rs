@@ -63,19 +63,11 @@ impl LightBranches {
     /// Gathers those of lanes and of the scalar walker. Whether they are to fly: sixteen, or the last ones. If not, there is room for sixteen
     /// collisions more.
     #[inline(always)]
-    pub fn muster<S: Simd>(
-        &mut self,
-        simd: S,
-        walker: &mut Walker<'_>,
-        frame: &Frame<'_>,
-        last: bool,
-        key: [u32; 2],
-        high: u32,
-    ) -> bool {
+    pub fn muster<S: Simd>(&mut self, simd: S, walker: &mut Walker<'_>, frame: &Frame<'_>, last: bool) -> bool {
         // The walker's are younger than those of lanes, and older than what lanes come to next.
         let wanted = if last || !walker.sent.is_empty() { 1 } else { LANES };
         while self.collisions.len() >= wanted && self.waiting.len() < LANES {
-            self.send(simd, frame, key, high);
+            self.send(simd, frame);
         }
         if !walker.sent.is_empty() && self.collisions.len() == 0 {
             self.enlist(walker, frame);
@@ -85,14 +77,14 @@ impl LightBranches {
 
     /// Those of the first 16 collisions, or of as many as there are.
     #[inline(always)]
-    fn send<S: Simd>(&mut self, simd: S, frame: &Frame<'_>, key: [u32; 2], high: u32) {
+    fn send<S: Simd>(&mut self, simd: S, frame: &Frame<'_>) {
         let at = M::from_bitmask(simd, (1 << self.collisions.len().min(LANES)) - 1);
         let mut collision = PathLanes::zeros(simd);
         self.collisions.load(simd, &mut collision);
         let PathLanes { r, w: came, weight, g, number, sample, pixel, material, .. } = collision;
         let (towards, _) = frame.sources[0].towards(r);
         let number = number | LIGHT_BRANCH;
-        let [b, c, d, _] = philox(simd, number, U::splat(simd, high | SENT), sample, pixel, key);
+        let [b, c, d, _] = philox(simd, number, U::splat(simd, frame.channel | SENT), sample, pixel, &frame.keys);
         let along = hg_sample((g + 1.0) * 0.5, towards, unit_short(b), unit_short(c));
         let part = mis_weight(&frame.phase_of_media(simd, g, material), came, along, towards);
         let kept = (part * KEPT as f32).min(splat(simd, 1.0));

@@ -12,6 +12,7 @@ mod facet_refraction;
 mod facets;
 mod flight;
 pub mod frame;
+mod free_flight;
 pub mod ground;
 mod image_lookup;
 mod in_flight;
@@ -35,6 +36,7 @@ mod turns;
 mod visibility;
 mod walk;
 mod weight_window;
+mod within;
 
 pub(crate) use bend::{FoundInLanes, ScalarConnection};
 pub use frame::Frame;

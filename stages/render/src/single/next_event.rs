@@ -43,18 +43,16 @@ pub fn estimate_while<S: Simd>(
     next_events: &mut NextEvents,
     many: usize,
     frame: &Frame<'_>,
-    key: [u32; 2],
-    high: u32,
     responses: &mut [f64],
 ) {
     while next_events.vertices.len() >= many {
-        do_once::<S, false>(simd, next_events, frame, key, high, responses);
+        do_once::<S, false>(simd, next_events, frame, responses);
         while next_events.places.len() >= LANES {
-            do_once::<S, true>(simd, next_events, frame, key, high, responses);
+            do_once::<S, true>(simd, next_events, frame, responses);
         }
     }
     while next_events.places.len() >= many {
-        do_once::<S, true>(simd, next_events, frame, key, high, responses);
+        do_once::<S, true>(simd, next_events, frame, responses);
     }
 }
 
@@ -65,18 +63,16 @@ fn do_once<S: Simd, const PLACES: bool>(
     simd: S,
     next_events: &mut NextEvents,
     frame: &Frame<'_>,
-    key: [u32; 2],
-    high: u32,
     responses: &mut [f64],
 ) {
     simd.vectorize(
         #[inline(always)]
         || {
             if PLACES {
-                see_through_interfaces(simd, next_events, frame, key, high, responses);
+                see_through_interfaces(simd, next_events, frame, responses);
                 next_events.places.drop_first(simd);
             } else {
-                estimate(simd, next_events, frame, key, high, responses);
+                estimate(simd, next_events, frame, responses);
                 next_events.vertices.drop_first(simd);
             }
         },
@@ -85,14 +81,7 @@ fn do_once<S: Simd, const PLACES: bool>(
 
 /// The first 16 vertices, or as many as there are: adds to the responses of their paths.
 #[inline(always)]
-fn estimate<S: Simd>(
-    simd: S,
-    next_events: &mut NextEvents,
-    frame: &Frame<'_>,
-    key: [u32; 2],
-    high: u32,
-    responses: &mut [f64],
-) {
+fn estimate<S: Simd>(simd: S, next_events: &mut NextEvents, frame: &Frame<'_>, responses: &mut [f64]) {
     let count = next_events.vertices.len().min(LANES);
     let mut vertex = VertexLanes::zeros(simd);
     next_events.vertices.load(simd, &mut vertex);
@@ -103,7 +92,7 @@ fn estimate<S: Simd>(
     let mut steady = [splat(simd, 0.0); MOST_CHANNELS];
     let mut met = Met::new();
     for source in &frame.sources {
-        let line = line(simd, frame, source, key, high, &ray, &mut met);
+        let line = line(simd, frame, source, &ray, &mut met);
         if frame.interfaces.is_some() {
             next_events.places.pack(line.asked, &line.place(&ray));
             continue;
@@ -112,7 +101,7 @@ fn estimate<S: Simd>(
         let seen = line.sees(simd, frame, source, &visibility, &met.chords);
         if frame.plane.as_ref().is_some_and(|plane| plane.scalar_connections) {
             let place = line.place(&ray);
-            let tried = line.asked & tries(simd, key, high, &place);
+            let tried = line.asked & tries(simd, frame, &place);
             line.leave(simd, &mut next_events.scalar_connections, &place, tried, |_| FoundInLanes::Unsure);
         }
         if source.is_lamp() {
@@ -154,15 +143,7 @@ struct Line<S: Simd> {
 
 /// A point on a line that a lane connects to a source.
 #[inline(always)]
-fn line<S: Simd>(
-    simd: S,
-    frame: &Frame<'_>,
-    source: &Source,
-    key: [u32; 2],
-    high: u32,
-    ray: &Ray<S>,
-    met: &mut Met<S>,
-) -> Line<S> {
+fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, ray: &Ray<S>, met: &mut Met<S>) -> Line<S> {
     let &Ray { waiting, vertex } = ray;
     let VertexLanes { r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = vertex;
     let VertexLanes { number, sample, pixel, body, mut lengths, .. } = vertex;
@@ -180,8 +161,8 @@ fn line<S: Simd>(
     let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
     let turned = (number & (FIRST | ENTRY | TURNED)).simd_eq(TURNED);
     let (block, segment) = source.numbers(simd, number, frame.first - 1, first, entry);
-    let high = segment | high;
-    let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
+    let word = segment | frame.channel;
+    let [choice, b, c, u] = philox(simd, block, word, sample, pixel, &frame.keys);
     let phase = frame.phase_of_bodies(simd, g, body);
     let lobe = phase.sample(towards, unit(b), unit(c));
     let sure = first | turned;
@@ -313,23 +294,16 @@ impl<S: Simd> Line<S> {
 
 /// Whether `Walker::reflected_connection`, or `Walker::sample_manifold`, tries at all.
 #[inline(always)]
-fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, at: &PlaceLanes<S>) -> M<S> {
-    let word = whether_projected(simd, at.place) | high;
-    let [draws, ..] = philox(simd, at.block, word, at.sample, at.pixel, key);
+fn tries<S: Simd>(simd: S, frame: &Frame<'_>, at: &PlaceLanes<S>) -> M<S> {
+    let word = whether_projected(simd, at.place) | frame.channel;
+    let [draws, ..] = philox(simd, at.block, word, at.sample, at.pixel, &frame.keys);
     unit(draws).simd_lt(at.others)
 }
 
 /// Of the first 16 places every connection by one refraction, and others by manifold sampling, which the scalar walker does; where lanes do not know, all is left to
 /// that. Adds to the responses of their paths.
 #[inline(always)]
-fn see_through_interfaces<S: Simd>(
-    simd: S,
-    next_events: &mut NextEvents,
-    frame: &Frame<'_>,
-    key: [u32; 2],
-    high: u32,
-    responses: &mut [f64],
-) {
+fn see_through_interfaces<S: Simd>(simd: S, next_events: &mut NextEvents, frame: &Frame<'_>, responses: &mut [f64]) {
     let (Some(interfaces), Some(source)) = (&frame.interfaces, frame.sources.first()) else { return };
     let NextEvents { places, scalar_connections, .. } = next_events;
     let count = places.len().min(LANES);
@@ -410,7 +384,7 @@ fn see_through_interfaces<S: Simd>(
         }
     }
     let wholly = line.asked & !found;
-    let tried = line.asked & !wholly & tries(simd, key, high, &place);
+    let tried = line.asked & !wholly & tries(simd, frame, &place);
     let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
     let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
     let (known, unsure, faceless) = (found.to_bitmask(), first.unsure.to_bitmask(), asked.to_bitmask());

@@ -8,9 +8,10 @@ use turbid_optics::solid::{Carved, Solid};
 use super::bend::Plane;
 use super::face::Interfaces;
 use super::facets::Eyes;
-use super::frame::{Frame, Medium};
+use super::frame::{Frame, Leaving, Medium};
 use super::ground::{Ground, Part};
 use super::image_lookup::ImageLookup;
+use super::lane::RoundKeys;
 use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, RANGE, range};
 use super::phase_function::second_terms;
 use super::refusal::{self, Refusal};
@@ -73,6 +74,12 @@ impl<'a> Frame<'a> {
         let projected =
             if s.shared.is_some() { scales.iter().map(|scale| unit * scale.projector).collect() } else { vec![unit] };
         let material = |part: &Part| &s.world.materials[part.material];
+        let leaving = match plane {
+            _ if parts.len() > 1 || by_distance || s.steady.ambient > 0.0 => Leaving::Unknown,
+            Some(_) if turns => Leaving::Plane,
+            None if straight => Leaving::Ends,
+            _ => Leaving::Unknown,
+        };
         let light_branches = if sends { sends_light_branches(s.world, origin, range) } else { Vec::new() };
         Ok(Self {
             origin,
@@ -91,13 +98,16 @@ impl<'a> Frame<'a> {
             channels: scales.iter().map(|scale| scale.excess.map(|mu_a| mu_a as f32)).collect(),
             dark: ((straight && !others) || turns) && s.steady.ambient == 0.0,
             turns,
+            keys: RoundKeys::of(s.key),
+            channel: s.channel << 16,
             first: if bends { 4 } else { 2 },
             plain: !by_distance
                 && !singly
-                && next_events
+                && (next_events || blind)
                 && s.shared.is_none()
                 && walker.peaked_index.is_none()
                 && light_branches.is_empty(),
+            leaving,
             light_branches,
             plane,
             interfaces,

@@ -169,6 +169,27 @@ record! {
     }
 }
 
+impl<S: Simd> PathLanes<S> {
+    /// The same in all lanes.
+    #[inline(always)]
+    pub fn splat(simd: S, row: &PathRow) -> Self {
+        let mut lanes = Self::zeros(simd);
+        let (vectors, floats, words, lengths) = PathRow::fields_mut(&mut lanes);
+        let (of_vectors, of_floats, of_words, of_lengths) = PathRow::fields(row);
+        for (v, of) in vectors.into_iter().zip(of_vectors) {
+            let [x, y, z] = of.map(|x| F::splat(simd, x));
+            *v = V { x, y, z };
+        }
+        for (x, of) in floats.into_iter().zip(of_floats).chain(lengths.into_iter().zip(of_lengths)) {
+            *x = F::splat(simd, *of);
+        }
+        for (x, of) in words.into_iter().zip(of_words) {
+            *x = U::splat(simd, *of);
+        }
+        lanes
+    }
+}
+
 /// 31 records at most, and room behind them for a whole vector.
 const ROOM: usize = 3 * LANES;
 

@@ -3,16 +3,19 @@
 use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::philox::unit as unit_of;
+use turbid_optics::solid::Solid;
 
 use super::bend::Entrance;
-use super::frame::{Frame, Medium};
-use super::lane::{LANES, U, ln, philox, unit};
+use super::facets::bits;
+use super::frame::{Frame, Leaving, Medium};
+use super::lane::{F, LANES, M, U, V, ln, philox, unit};
 use super::limits::FIRST;
 use super::next_event::{NextEvents, estimate_while};
-use super::rows::{PathRow, Paths, VertexRow};
+use super::rows::{Path, PathLanes, PathRow, Paths, Vertex};
 use super::scalar_fallback::scalar_fallback;
 use super::turns::Outside;
 use crate::batches::Batches;
+use crate::camera::Camera;
 use crate::lengths::{Lengths, MOST_LENGTHS, NO_LENGTHS, count};
 use crate::random::PLACES_IN_LANES;
 use crate::setting::{Place, Setting};
@@ -56,21 +59,30 @@ impl<'a> Starts<'a> {
             (pixel[i], sample[i]) = self.batches.path(first + i);
         }
         self.next += count;
-        let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let (p, s) = (U::load_array(simd, pixel), U::load_array(simd, sample));
-        let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), U::splat(simd, high), s, p, key);
+        let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), U::splat(simd, frame.channel), s, p, &frame.keys);
         let absorption_depth = -ln(unit(ja));
         let bends = frame.starts && frame.bends();
         let random = if bends {
-            let [.., d] = philox(simd, U::splat(simd, 2), U::splat(simd, high), s, p, key);
+            let [.., d] = philox(simd, U::splat(simd, 2), U::splat(simd, frame.channel), s, p, &frame.keys);
             d.to_array()
         } else {
             [0; LANES]
         };
-        for i in 0..count {
-            let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(random[i])];
-            let ids = Ids { pixel: pixel[i], sample: sample[i], response: (first + i) as u32 };
-            let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draw, absorption_depth[i]);
+        let rays = Rays {
+            ids: std::array::from_fn(|i| Ids { pixel: pixel[i], sample: sample[i], response: (first + i) as u32 }),
+            draws: std::array::from_fn(|i| [jx[i], jy[i], random[i]].map(unit_of)),
+            count,
+        };
+        let begun = if frame.leaving != Leaving::Unknown && frame.starts {
+            self.enter_lone(simd, walker, frame, next_events, &rays, absorption_depth)
+        } else {
+            0
+        };
+        estimate_while(simd, next_events, LANES, frame, responses);
+        for i in bits(((1 << count) - 1) & !begun) {
+            let (ids, draws) = (rays.ids[i], rays.draws[i]);
+            let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draws, absorption_depth[i]);
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
                 let goes_on = scalar_fallback(walker, frame, &mut place);
@@ -79,8 +91,63 @@ impl<'a> Starts<'a> {
                     self.ready.push(&frame.row(&place));
                 }
             }
-            estimate_while(simd, next_events, LANES, frame, key, high, responses);
+            estimate_while(simd, next_events, LANES, frame, responses);
         }
+    }
+
+    /// As [`Self::enter`] of each of these rays, where there is one body alone: by bits those that are begun, or that see nothing.
+    #[inline(always)]
+    fn enter_lone<S: Simd>(
+        &mut self,
+        simd: S,
+        walker: &mut Walker<'_>,
+        frame: &Frame<'_>,
+        next_events: &mut NextEvents,
+        rays: &Rays,
+        absorption_depth: F<S>,
+    ) -> u64 {
+        let s = *walker.setting();
+        let only = &frame.parts[0];
+        let medium = &s.world.materials[only.material];
+        if medium.is_opaque() || medium.mu_s == 0.0 {
+            return 0;
+        }
+        let (mut begun, mut enters) = (0_u64, 0_u64);
+        let (mut r, mut w) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+        for (i, (ids, &draws)) in rays.ids.iter().zip(&rays.draws).enumerate().take(rays.count) {
+            let Some(entrance) = enter_body(frame, &only.solid, &s.camera, ids.pixel, draws) else { continue };
+            begun |= 1 << i;
+            if let Entrance::In(place, along) = entrance {
+                enters |= 1 << i;
+                let (place, along) = (frame.local(place), along.as_vec3().to_array());
+                for k in 0..3 {
+                    (r[k][i], w[k][i]) = (place[k], along[k]);
+                }
+            }
+        }
+        let [r, w] = [r, w].map(|v| v.map(|x| F::load_array(simd, x)));
+        let [pixel, sample, response] = [|ids: &Ids| ids.pixel, |ids: &Ids| ids.sample, |ids: &Ids| ids.response]
+            .map(|id| U::load_array(simd, std::array::from_fn(|i| id(&rays.ids[i]))));
+        let path = PathLanes {
+            r: V { x: r[0], y: r[1], z: r[2] },
+            w: V { x: w[0], y: w[1], z: w[2] },
+            absorption_depth,
+            pixel,
+            sample,
+            response,
+            ..PathLanes::splat(simd, &frame.path_at([0.0; 3], DVec3::Z, only.material, 0))
+        };
+        let enters = M::from_bitmask(simd, enters);
+        let goes_on = enters & absorption_depth.simd_gt(0.0);
+        self.ready.pack(goes_on, &path);
+        if !frame.blind {
+            let [zero, one] = [0.0, 1.0].map(|x| F::splat(simd, x));
+            next_events.vertices.pack(enters, &camera_vertex(&path, U::splat(simd, FIRST), zero, one));
+        }
+        // Of the others the camera's ray is the only flight; up to an interface all have made one.
+        let (ended, bent) = (begun & !goes_on.to_bitmask(), if frame.bends() { begun } else { 0 });
+        walker.count_flights((ended.count_ones() + bent.count_ones()) as usize);
+        begun
     }
 
     /// A path whose ray meets a medium before any surface: it starts where the ray enters, its single scattering left to next-event estimation in
@@ -171,7 +238,7 @@ impl<'a> Starts<'a> {
                 }
                 if !frame.blind {
                     let weight = libm::exp(-tau) as f32;
-                    next_events.vertices.push(&VertexRow { weight, ..camera_vertex(&path, scored) });
+                    next_events.vertices.push(&camera_vertex(&path, FIRST | scored, 0.0, weight));
                 }
                 scored += 1;
             }
@@ -181,6 +248,31 @@ impl<'a> Starts<'a> {
         }
         true
     }
+}
+
+/// Where a camera's ray comes into a convex body, maybe through the plane that is its surface; `None` where it starts in it, or comes from its other side.
+fn enter_body(
+    frame: &Frame<'_>,
+    solid: &Solid,
+    camera: &Camera,
+    pixel: u32,
+    [across, down, random]: [f64; 3],
+) -> Option<Entrance> {
+    let (mut from, mut along) = camera.ray(pixel as usize, across, down);
+    if let Some(plane) = &frame.plane {
+        match plane.enter(from, along, random)? {
+            Entrance::In(place, refracted) => (from, along) = (place, refracted),
+            Entrance::Out => return Some(Entrance::Out),
+        }
+    }
+    let (start, end) = solid.chord(from, along);
+    if !(start < end && end > 0.0) {
+        return Some(Entrance::Out);
+    }
+    if frame.plane.is_none() && start <= 0.0 {
+        return None;
+    }
+    Some(Entrance::In(from + start.max(0.0) * along, along))
 }
 
 /// Whether a camera's ray through these segments, of which `seen` are before anything opaque, is begun in lanes.
@@ -211,19 +303,20 @@ fn body_of(frame: &Frame<'_>, segment: &RaySegment, medium: &Material, (from, al
     frame.parts.iter().position(|part| part.solid.contains(inside))
 }
 
-/// Next-event estimation along a camera's ray in the `segment`-th medium that scatters, in which a path would begin like this.
-fn camera_vertex(path: &PathRow, segment: u32) -> VertexRow {
-    VertexRow {
+/// Next-event estimation along a camera's ray in a medium in which a path would begin like this, that many segments after the `FIRST`.
+#[inline(always)]
+fn camera_vertex<A: Copy, B: Copy, C: Copy>(path: &Path<A, B, C>, number: C, zero: B, weight: B) -> Vertex<A, B, C> {
+    Vertex {
         r: path.r,
         came: path.w,
         own: path.w,
-        weight: 1.0,
-        roulette: 0.0,
+        weight,
+        roulette: zero,
         mu_a: path.mu_a,
         mu_s: path.mu_s,
         g: path.g,
-        least: 0.0,
-        number: FIRST | segment,
+        least: zero,
+        number,
         sample: path.sample,
         pixel: path.pixel,
         response: path.response,
@@ -295,6 +388,13 @@ fn counted(lengths: &Lengths) -> [f32; MOST_LENGTHS] {
 /// Next-event estimation along one camera's ray in lanes.
 const MOST_SEGMENTS: usize = 8;
 const _: () = assert!(MOST_SEGMENTS <= PLACES_IN_LANES);
+
+/// The camera's rays of so many paths: which they are, and random numbers of their places in the pixels and of whether the surface reflects them.
+struct Rays {
+    ids: [Ids; LANES],
+    draws: [[f64; 3]; LANES],
+    count: usize,
+}
 
 /// Which path it is.
 #[derive(Clone, Copy)]

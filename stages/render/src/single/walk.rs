@@ -23,7 +23,7 @@ pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
     let mut responses = walker.take_single();
     let starts = Starts::new(batches, frame.counts);
     at_level!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
-        Packet::new(simd, frame, walker.setting(), batches.paths()).run(walker, starts, &mut responses);
+        Packet::new(simd, frame, batches.paths()).run(walker, starts, &mut responses);
     }));
     walker.gather();
     walker.add_single(responses);
@@ -33,7 +33,7 @@ pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
 impl<S: Simd> Packet<'_, S> {
     #[inline(always)]
     fn run(mut self, walker: &mut Walker<'_>, mut starts: Starts<'_>, responses: &mut [f64]) {
-        let (simd, key, high) = (self.simd, self.key, self.high);
+        let simd = self.simd;
         let mut flights = 0;
         loop {
             if self.frame.weight_windows.is_some() {
@@ -41,7 +41,7 @@ impl<S: Simd> Packet<'_, S> {
             }
             // The last light-directed branches go when all paths have ended.
             let last = self.alive == 0 && starts.ready.len() == 0 && !starts.more();
-            let branching = self.light_branches.muster(simd, walker, self.frame, last, key, high);
+            let branching = self.light_branches.muster(simd, walker, self.frame, last);
             let dead = !self.alive & 0xFFFF;
             if branching {
                 self.rest();
@@ -80,12 +80,12 @@ impl<S: Simd> Packet<'_, S> {
             if branching {
                 self.resume();
             }
-            estimate_while(simd, &mut self.next_events, LANES, self.frame, key, high, responses);
+            estimate_while(simd, &mut self.next_events, LANES, self.frame, responses);
             if !self.next_events.scalar_connections.is_empty() {
                 make_scalar_connections(walker, self.frame, &mut self.next_events);
             }
         }
-        estimate_while(simd, &mut self.next_events, 1, self.frame, key, high, responses);
+        estimate_while(simd, &mut self.next_events, 1, self.frame, responses);
         make_scalar_connections(walker, self.frame, &mut self.next_events);
         walker.count_flights(flights);
     }

@@ -77,7 +77,8 @@ impl<S: Simd> Packet<'_, S> {
         let mut left = weight;
         let least_own = deep / lobe.importance(simd, own);
         if (narrow | (asked & weight.simd_lt(least_own * 0.5))).any_true() {
-            let [a, b, c, d] = philox(simd, number - 2, U::splat(simd, WINDOW | self.high), sample, pixel, self.key);
+            let [a, b, c, d] =
+                philox(simd, number - 2, U::splat(simd, WINDOW | self.frame.channel), sample, pixel, &self.frame.keys);
             random = a;
             if narrow.any_true() {
                 let phase = self.frame.phase_of_media(simd, g, material);
@@ -112,7 +113,7 @@ impl<S: Simd> Packet<'_, S> {
         for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
             let copy = PathRow { w: e.map(|x| x[lane]), weight: weight[lane], ..self.aside.get(lane) };
             let numbers = MOST_COPIES..MOST_COPIES + counts[lane] as u32;
-            self.copies.add(lane, copy, numbers, self.key, self.high);
+            self.copies.add(lane, copy, numbers, self.frame.stream(&copy));
         }
     }
 
@@ -123,7 +124,7 @@ impl<S: Simd> Packet<'_, S> {
             let (mut part, parts) = (self.aside.get(lane), parts[lane] as u32);
             part.weight /= parts as f32;
             self.aside.set(lane, &part);
-            self.copies.add(lane, part, 1..parts, self.key, self.high);
+            self.copies.add(lane, part, 1..parts, self.frame.stream(&part));
         }
         self.aside.load(self.simd, &mut self.path);
     }
