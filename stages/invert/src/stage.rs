@@ -120,7 +120,7 @@ impl Stage for Invert {
         let left_out = if corrects { Vec::new() } else { vec!["profile correction (no heights)".to_owned()] };
         // To prepare the table takes most of it, for each of its sections; how many those are shows when they are made.
         let sections = if known.connected.iter().any(|port| port == "sections") { SECTIONS } else { 1.0 };
-        let seconds = Some(PER_TABLE * sections);
+        let seconds = Some(PER_TABLE * sections + conditions::seconds(params, known));
         let of = |port: &str| known.extent(port).map_or(0, Extent::bytes);
         let others = ["lut", "sections", "height", "normals"].map(of).iter().sum();
         let memory = known.extent("reflectance").map(|stack| memory(stack, others, corrects, &known.wanted));
