@@ -266,14 +266,17 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
 
 /// CPU seconds that a run takes to tell what the maps are off by, as far as what differs is known before.
 pub fn seconds(params: &Params, known: &Known) -> f64 {
-    let unlike = |(compared, objects): &(Compared, Vec<(Seen, [f64; 2])>)| {
+    let unlike = |(compared, objects): &(Compared, Vec<Object>)| {
         objects.iter().any(|(seen, mu)| !compared.causes(seen, *mu).is_empty())
     };
     PER_TABLE_S * known_before(params, known).iter().filter(|of| unlike(of)).count() as f64
 }
 
-/// For each table the comparison, and the objects that are read by it with their mu_a and mu_s'.
-fn known_before(params: &Params, known: &Known) -> Vec<(Compared, Vec<(Seen, [f64; 2])>)> {
+/// How an object was seen, and its mu_a and mu_s', mm^-1.
+type Object = (Seen, [f64; 2]);
+
+/// For each table the comparison, and the objects that are read by it.
+fn known_before(params: &Params, known: &Known) -> Vec<(Compared, Vec<Object>)> {
     let (reflectance, lut) = (known.fact("reflectance"), known.fact("lut"));
     let f_x = match &params.f_x {
         Some(f_x) => Some(f_x.iter().map(|f| f.0).collect()),
