@@ -33,8 +33,8 @@ const SHIPPED: [(&str, &[&str]); 19] = [
     ("speckle", &[]),
     ("thickness_check", &["samples=2048"]),
     ("tube_pattern", &[]),
-    ("tube_sectioned", &["pixels=[100,100]"]),
-    ("tube_two_materials", &["pixels=[100,100]"]),
+    ("tube_sectioned", &[]),
+    ("tube_two_materials", &[]),
 ];
 /// CPU seconds from which a stage counts.
 const COUNTS_S: f64 = 0.2;
