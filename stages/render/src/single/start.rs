@@ -115,7 +115,7 @@ impl<'a> Starts<'a> {
         let (mut begun, mut enters) = (0_u64, 0_u64);
         let (mut r, mut w) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
         for (i, (ids, &draws)) in rays.ids.iter().zip(&rays.draws).enumerate().take(rays.count) {
-            let Some(entrance) = enter_body(frame, &only.solid, &s.camera, ids.pixel, draws) else { continue };
+            let Some(entrance) = enter_body(frame, &only.solid, s.camera, ids.pixel, draws) else { continue };
             begun |= 1 << i;
             if let Entrance::In(place, along) = entrance {
                 enters |= 1 << i;
